@@ -27,12 +27,13 @@ quick: $(READY)
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -q -x --part=quick $(PYTEST_ARGS)
 
 # The suite on an NVIDIA GPU, without what no device touches. The frame before it says in a line what is amiss without
-# one, where tests would be skipped. Processes share the card.
-GPU_WORKERS ?= 8
+# one, where tests would be skipped. Processes share the card. EMULATED=1: on an emulated one, which is the CPU.
+GPU_WORKERS ?= $(if $(EMULATED),2,8)
+ON_CARD = LIDARSCENE_VARIANT=cuda_ad_mono $(if $(EMULATED),$(BIN)/python tests/emulated_gpu/emulator.py)
 test-gpu: $(READY)
 	@mkdir -p out
-	LIDARSCENE_VARIANT=cuda_ad_mono $(BIN)/lidarscene render car --sensor vlp-16 -o out/gpu.ply
-	LIDARSCENE_VARIANT=cuda_ad_mono $(BIN)/pytest -n $(GPU_WORKERS) --dist loadfile --no-loadscope-reorder -q \
+	$(ON_CARD) $(BIN)/lidarscene render car --sensor vlp-16 -o out/gpu.ply
+	$(ON_CARD) $(BIN)/pytest -n $(GPU_WORKERS) --dist loadfile --no-loadscope-reorder -q \
 	    tests/kernel tests/rendering tests/chain tests/detection tests/light tests/scan tests/scene tests/outputs \
 	    tests/cloud tests/studies tests/validation tests/sensor tests/figures tests/labels $(PYTEST_ARGS)
 

@@ -11,12 +11,9 @@ from helpers.run_seed import chosen
 from PIL import Image
 
 from lidarscene import Scene, load_scene, load_sensor, sensors
-from lidarscene.figures.lines import COLOURS
 from lidarscene.maths.pose import Pose
 from lidarscene.scene.scene import Ball, Body
 from lidarscene.view.notebook import Viewed
-
-BLUE = tuple(int(COLOURS[0][k : k + 2], 16) for k in (1, 3, 5))
 
 
 def coloured(picture: bytes) -> np.ndarray:

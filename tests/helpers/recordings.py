@@ -15,9 +15,6 @@ OUSTER = DATA / "os0-32-one-packet.pcap"
 
 VLP16, VLS128 = 0x22, 0xA1
 STRONGEST = 0x37
-DISTANCE_M = 0.002
-"""A unit of a VLP-16's distances."""
-
 FIRINGS = 24
 """Of all 16 lasers, in a packet of a VLP-16."""
 

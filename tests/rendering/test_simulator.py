@@ -169,6 +169,17 @@ def test_frames_that_cannot_be_traced_together() -> None:
     assert together == [1, 1]
 
 
+def test_launches_of_a_sequence_are_alike(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No launch for a few frames at the end, and none with more lanes than a chunk."""
+    sim = Simulator(load_scene(CAR), load_sensor("livox-mid-40"))
+    monkeypatch.setattr(blocks, "lanes_per_launch", lambda: 4 * sim.sensor.scanner.pulses)
+    together = launches.count_frames(sim)
+    for frames in (3, 4, 5, 6, 7, 12):
+        sim.begin(FrameOptions(number=100 * frames), frames)
+    sim.begin(FrameOptions(number=1, chunk=45_000), 5)
+    assert together == [3, 4, 5, 3, 4, 4, 4]
+
+
 def test_a_mistake_is_of_its_own_frame() -> None:
     """A motion ends at 1 s, in the last of seven frames of 0.1 s, which is none of those before."""
     sim = Simulator(traffic(), load_sensor("livox-mid-40"))

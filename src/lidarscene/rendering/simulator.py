@@ -6,6 +6,7 @@ device. The cloud's metadata say how it was made: scene and sensor by name, seed
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -541,8 +542,10 @@ class Simulator(HintedAttributes):
 
         None where the first has a mistake, or the vehicle is in another piece of the scene then.
         """
-        most = min(self._chunk_pulses(options), blocks.lanes_per_launch() // self._rays_of_pulse)
-        most = min(frames, most // self.sensor.scanner.pulses)
+        chunk, launch = self._chunk_pulses(options), blocks.lanes_per_launch() // self._rays_of_pulse
+        limit, best = (pulses // self.sensor.scanner.pulses for pulses in (chunk, min(chunk, launch)))
+        # Launches are alike: a few frames more cost less than a launch for the last of them.
+        most = min(limit, math.ceil(frames / max(round(frames / max(best, 1)), 1)))
         together = list[tuple[FrameOptions, Frame]]()
         for number in range(options.number, options.number + max(most if self.numbering.goes_together else 1, 1)):
             following = replace(options, number=number)

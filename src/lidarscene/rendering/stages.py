@@ -127,7 +127,7 @@ class Stages:
     @property
     def leans(self) -> bool:
         """True if the noise of a range depends on how its surface leans along the row."""
-        return self.sensor.histogram is not None and self.sensor.histogram.column_range_m is not None
+        return self.sensor.histogram is not None and self.sensor.histogram.column_range_sigmas is not None
 
     @property
     def surveys(self) -> bool:

@@ -50,7 +50,7 @@ class Histogram(HintedAttributes):
         sweep_rad: angle by which the head turns while the shots of a point are summed; 0: it does not, or is left out
         column_rad: angle by which it turns from a point of a channel to the next; 0: it does not
         column_weights: of the noise of a point's own column and of those before it, their squares adding up to 1, or to
-            either side with `column_range_m`; None: columns share no noise
+            either side with `column_range_sigmas`; None: columns share no noise
     """
 
     shots: Lanes
@@ -112,15 +112,27 @@ class Histogram(HintedAttributes):
     sweep_rad: float = 0.0
     column_rad: float = 0.0
     column_weights: tuple[Lanes, ...] | None = None
-    column_range_m: Annotated[
+    column_range_sigmas: Annotated[
         Lanes | None,
         Quantity(
-            "mm",
-            ge=0.1,
-            le=1e5,
+            ge=0.01,
+            le=1e4,
             about=(
-                "difference of the ranges of two columns on one surface at which the weight of the other has fallen to "
-                "0.61, on both sides; if left out, columns before the point's own have their weights at any"
+                "difference of the ranges of two columns on one surface, in standard deviations of the range, at "
+                "which the weight of the other has fallen to 0.61, on both sides; if left out, columns before the "
+                "point's own have their weights at any"
+            ),
+        ),
+    ] = None
+
+    column_photons: Annotated[
+        Lanes | None,
+        Quantity(
+            ge=1,
+            le=1e6,
+            about=(
+                "photons n up to which a point takes more columns into the mean of its range: (n / S)^2 for a return "
+                "of S, 31 at most; with `column_weights`"
             ),
         ),
     ] = None
@@ -129,7 +141,11 @@ class Histogram(HintedAttributes):
     def window(self) -> dict[int, Lanes]:
         """Weights of the columns whose noise a point has, by the number of columns back from its own."""
         back = dict(enumerate(self.column_weights or (1.0,)))
-        return back if self.column_range_m is None else dict(sorted(({-m: w for m, w in back.items()} | back).items()))
+        return (
+            back
+            if self.column_range_sigmas is None
+            else dict(sorted(({-m: w for m, w in back.items()} | back).items()))
+        )
 
     @property
     def neighbours(self) -> bool:
@@ -190,7 +206,8 @@ class HistogramFile(
         "estimator",
         "coates",
         "walk",
-        "column_range_m",
+        "column_range_sigmas",
+        "column_photons",
     ),
 ):
     """[histogram]: sums the time stamps of many shots and finds the peaks; stands in the place of [tdc]."""

@@ -352,15 +352,16 @@ def _check_columns(sensor: Sensor) -> None:
     if sensor.histogram is None:
         return
     if sensor.histogram.column_weights is None:
-        if sensor.histogram.column_range_m is not None:
-            raise InputError("histogram.column_range_mm: must go with histogram.column_weights, got none")
+        for key in ("column_range_sigmas", "column_photons"):
+            if getattr(sensor.histogram, key) is not None:
+                raise InputError(f"histogram.{key}: must go with histogram.column_weights, got none")
         return
     if sensor.histogram.estimator != "matched_filter":
         raise InputError(
             f'histogram.column_weights: must go with estimator = "matched_filter", got "{sensor.histogram.estimator}"'
         )
-    if sensor.histogram.column_range_m is not None and not isinstance(sensor.scanner, Spinning):
-        raise InputError('histogram.column_range_mm: must be left out unless scanner.type = "spinning"')
+    if sensor.histogram.column_range_sigmas is not None and not isinstance(sensor.scanner, Spinning):
+        raise InputError('histogram.column_range_sigmas: must be left out unless scanner.type = "spinning"')
     line = sensor.scanner.line_pulses
     if line is None or line >= sensor.scanner.pulses:
         raise InputError(

@@ -23,7 +23,6 @@ from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.studies.ranging import plane
 
 C = 299792458.0
-SPADS = 64
 
 
 def histograms(rng, counter, light, count):

@@ -243,7 +243,7 @@ def test_paths_are_shared_by_sensors_that_know_as_much_of_surfaces() -> None:
     """Rationale: paths that a sensor without leans traced gave another one the noise of level surfaces."""
     leaning = load_sensor("os0-128-rev7")
     assert leaning.histogram is not None
-    changes: tuple[dict[str, Any], ...] = ({}, {"column_range_m": 0.02}, {"column_range_m": None})
+    changes: tuple[dict[str, Any], ...] = ({}, {"column_range_sigmas": 6.0}, {"column_range_sigmas": None})
     keys = [
         _ray_key(dataclasses.replace(leaning, histogram=dataclasses.replace(leaning.histogram, **changed)))
         for changed in changes

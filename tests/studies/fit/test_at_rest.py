@@ -193,7 +193,7 @@ def test_a_law_is_asked_once_at_each_place() -> None:
     assert len(set(places)) == len(places)
 
 
-def columns_at_rest(seed: int, reach_mm: float) -> PixelsAtRest:
+def columns_at_rest(seed: int, sigmas: float) -> PixelsAtRest:
     """Ranges of an Ouster that scatter by 130 mm over the root of the photons, more where surfaces lean (T176a)."""
     rng = np.random.default_rng(seed)
     seen = pixels(seed, frames=2)
@@ -202,7 +202,8 @@ def columns_at_rest(seed: int, reach_mm: float) -> PixelsAtRest:
     signal = np.exp(rng.uniform(np.log(150.0), np.log(3000.0), seen.mean_m.shape))
     step_mm = np.exp(rng.uniform(np.log(0.1), np.log(20.0), signal.shape))
     window = {column: float(weight) for column, weight in histogram.window.items()}
-    sigma_m = 0.13 / np.sqrt(signal) * np.asarray(shared_shots.shares(window, step_mm / reach_mm)[1])
+    level_m = 0.13 / np.sqrt(signal)
+    sigma_m = level_m * np.asarray(shared_shots.shares(window, 1e-3 * step_mm / (sigmas * level_m))[1])
     return replace(
         seen,
         range_m=seen.range_m + sigma_m * rng.normal(size=seen.range_m.shape),
@@ -214,7 +215,9 @@ def columns_at_rest(seed: int, reach_mm: float) -> PixelsAtRest:
 def test_the_interval_of_the_columns_reach_holds_the_truth() -> None:
     """Fewer than 15 of 20 intervals of two sigma hold it in one of 3000 draws."""
     found = [
-        deviations(REV7, columns_at_rest(seed, 8.0), {"histogram.column_range_mm": 8.0})["histogram.column_range_mm"]
+        deviations(REV7, columns_at_rest(seed, 3.0), {"histogram.column_range_sigmas": 3.0})[
+            "histogram.column_range_sigmas"
+        ]
         for seed in SEEDS
     ]
     assert np.sum(np.abs(found) < 2.0) >= 15
@@ -232,7 +235,7 @@ def test_what_the_recording_does_not_tell_is_said() -> None:
     assert fit.by_key.keys() == {"laser.energy_spread", "tdc.jitter_ps"}
     fit = fit_at_rest(replace(square, strength=None), REV7, "rev7")
     assert not fit.estimates
-    assert "SIGNAL is not recorded" in fit.unknown["histogram.column_range_mm"]
+    assert "SIGNAL is not recorded" in fit.unknown["histogram.column_range_sigmas"]
     assert "sums 27 pulses, which averages" in fit.unknown["laser.energy_spread"]
 
 
@@ -337,7 +340,7 @@ def test_reflectivities_are_no_photons(turns: tuple[str, list[Sweep]]) -> None:
     grids = [on_grid(replace(sweep, reflectivity=sweep.intensity, intensity=None), scanner) for sweep in sweeps]
     seen = pixels_at_rest(grids, parse_sensor(REV7, "rev7"))
     assert seen is not None
-    assert fit_at_rest(seen, REV7, "rev7").unknown["histogram.column_range_mm"] == "SIGNAL is not recorded"
+    assert fit_at_rest(seen, REV7, "rev7").unknown["histogram.column_range_sigmas"] == "SIGNAL is not recorded"
     one_without = [replace(grids[0], signal=grids[0].reflectivity), *grids[1:]]
     seen = pixels_at_rest(one_without, parse_sensor(REV7, "rev7"))
     assert seen is not None

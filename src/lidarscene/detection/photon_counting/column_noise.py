@@ -18,7 +18,7 @@ from ...physics.photon_counting import shared_shots
 from ..outcomes import Status
 from ..report import Detection, Returns
 from .expectation import FilteredLight
-from .tuning import MOST_FIRED, MOST_NOISE
+from .tuning import LEAST_OF_MEAN, MOST_FIRED, MOST_NOISE
 
 
 def share_noise(detection: Detection, light: FilteredLight) -> Detection:
@@ -44,14 +44,14 @@ def _share_in_stop(stop: Returns, number: int, light: FilteredLight) -> Returns:
 
     def compute() -> Lanes:
         assert stop.true_range_m is not None
-        return _range_with_noise(stop, light, _column_deviate(light, stop.true_range_m, stop=number))
+        return _range_with_noise(stop, light, number)
 
     is_echo = stop.reported & (stop.status == int(Status.ECHO))
     return replace(stop, range_m=xp(stop.range_m).where_any(is_echo, compute, stop.range_m))
 
 
-def _range_with_noise(stop: Returns, light: FilteredLight, deviate: Lanes) -> Lanes:
-    """Reported range, (n,) m, with this standard normal number in place of the noise that was drawn."""
+def _range_with_noise(stop: Returns, light: FilteredLight, number: int) -> Lanes:
+    """Reported range, (n,) m, with noise that columns share in place of the noise that was drawn."""
     assert stop.snr is not None
     assert stop.true_range_m is not None
     ops = xp(stop.range_m)
@@ -62,6 +62,11 @@ def _range_with_noise(stop: Returns, light: FilteredLight, deviate: Lanes) -> La
     deviation_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=pixel.place_deviation_s(signal))
     most_m = MOST_NOISE * deviation_m
     drawn_m = ops.maximum(ops.minimum(stop.range_m - stop.true_range_m, most_m), -most_m)
+    assert light.sensor.histogram is not None
+    if light.sensor.histogram.column_photons is not None:
+        share = ops.maximum(signal / light.sensor.histogram.column_photons, LEAST_OF_MEAN)
+        deviation_m = deviation_m * ops.minimum(share, 1.0)
+    deviate = _column_deviate(light, stop.true_range_m, deviation_m, stop=number)
     range_m = ops.maximum(stop.range_m - drawn_m + deviation_m * deviate, 0.0)
     time_s = tdc.quantise(
         time_s=radiometry.time_of_flight_s(range_m=range_m),
@@ -73,7 +78,7 @@ def _range_with_noise(stop: Returns, light: FilteredLight, deviate: Lanes) -> La
     return ops.where(signal < MOST_FIRED * point.response.largest, shared_m, stop.range_m)
 
 
-def _column_deviate(light: FilteredLight, range_m: Lanes, *, stop: int) -> Lanes:
+def _column_deviate(light: FilteredLight, range_m: Lanes, deviation_m: Lanes, *, stop: int) -> Lanes:
     """Draw the weighted sum of the standard normal numbers of a point's column and of those around it, (n,) (T176).
 
     Any point can draw the numbers of its neighbours, which need not be in the same chunk. It does not know their
@@ -83,10 +88,11 @@ def _column_deviate(light: FilteredLight, range_m: Lanes, *, stop: int) -> Lanes
     assert sensor.histogram is not None
     assert sensor.scanner.line_pulses is not None
     weights = sensor.histogram.window
-    if sensor.histogram.column_range_m is not None:
+    if sensor.histogram.column_range_sigmas is not None:
         # Without a slope the surface is a plane that faces the sensor, as studies of ranges have it.
         row_slope: Lanes = 0.0 if light.train.row_slope is None else light.train.row_slope
-        step = row_slope * range_m * sensor.histogram.column_rad / sensor.histogram.column_range_m
+        reach_m = sensor.histogram.column_range_sigmas * deviation_m
+        step = row_slope * range_m * sensor.histogram.column_rad / reach_m
         weights, _ = shared_shots.shares(weights, step)
     ops = xp(pulse)
     column, place = ops.divmod(ops.int32(pulse), sensor.scanner.line_pulses)

@@ -34,7 +34,8 @@ do: 32 threads take ten times the processor time of two for a frame of 29,000 be
 
 LANES_PER_LAUNCH = 2**19
 """Lanes of a launch of several small frames on a CPU, with which Python and idle threads take little of the time: half
-as many cost vlp-16 3 % and os1-128 5 % more, twice as many save 1 % at most."""
+as many cost vlp-16 3 % and os1-128 5 % more, twice as many save 1 % at most. A sequence is divided evenly into
+launches of about so many."""
 
 LANES_PER_CHUNK = 2**20
 """Lanes of a chunk of a large frame on a CPU: some 100 MB of arrays; fewer spend more of their time in Python."""

@@ -17,7 +17,7 @@ def shares(window: Mapping[int, Lanes], step: Lanes) -> tuple[dict[int, Lanes], 
 
     Args:
         window: weights by the number of columns from the point's own
-        step: difference of the ranges of two neighbouring columns over `Histogram.column_range_m`
+        step: difference of the ranges of two neighbouring columns over noise and `Histogram.column_range_sigmas`
 
     Returns:
         factors on standard normal numbers of the columns, whose squares add up to the square of the noise, and it

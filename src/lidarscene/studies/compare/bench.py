@@ -134,7 +134,7 @@ def _ray_key(sensor: Sensor) -> bytes | None:
         return None
     laser = replace(sensor.laser, peak_power_w=1.0, pulse_fwhm_s=1e-9)
     optics = sensor.optics.halo, sensor.housing_m, sensor.sweep_rad
-    knows_lean = sensor.histogram is not None and sensor.histogram.column_range_m is not None
+    knows_lean = sensor.histogram is not None and sensor.histogram.column_range_sigmas is not None
     known = sensor.scanner, sensor.mounting, laser, optics, sensor.wear, knows_lean
     return hashlib.sha256(pickle.dumps(known)).digest()
 

@@ -57,7 +57,7 @@ from .tuning import (
     REST_BOUNDS,
 )
 
-ENERGY, COLUMNS = "laser.energy_spread", "histogram.column_range_mm"
+ENERGY, COLUMNS = "laser.energy_spread", "histogram.column_range_sigmas"
 STRONG, DIVERGENCE, CHATTER = "tdc.strong_jitter_ps", "laser.divergence_mrad", "tdc.chatter_mhz"
 CONVERTER = ("tdc.jitter_ps", STRONG, DIVERGENCE, CHATTER)
 """Keys that ranges and losses at rest say something of, of a sensor that times pulses."""
@@ -402,17 +402,17 @@ def _sum_of_terms(
 
 
 def _columns(pixels: PixelsAtRest, text: str, where: str) -> Law:
-    """Reach in range of the columns that share shots: the noise over c / sqrt(SIGNAL) by the lean, (T176a)."""
+    """Reach in range of the columns that share shots: the noise over c / sqrt(SIGNAL) by the lean over it, (T176a)."""
     if pixels.strength is None:
         return (), None, {COLUMNS: "SIGNAL is not recorded"}
-    start_mm = float(get_key(text, COLUMNS) or 10.0)
+    start = float(get_key(text, COLUMNS) or 4.0)
     try:
-        histogram = parse_sensor(put_changes(text, {COLUMNS: (start_mm, "")}), where).histogram
+        histogram = parse_sensor(put_changes(text, {COLUMNS: (start, "")}), where).histogram
     except InputError as error:
         return (), None, {COLUMNS: str(error)}
     assert histogram is not None
     signal = np.nanmean(pixels.strength, axis=0)
-    step_mm = 1e3 * np.abs(pixels.row_slope) * pixels.mean_m * float(histogram.column_rad)
+    step_mm = 1e3 * np.abs(pixels.row_slope) * pixels.mean_m * float(histogram.column_rad) * np.sqrt(signal)
     strong = signal >= PATCH_SIGNAL
     keys = 2.0 * np.log2(np.maximum(step_mm[strong], LEAST_STEP_MM))
     changes_mm = 1e3 * changes_m(pixels.range_m[:, strong]) * np.sqrt(signal[strong])
@@ -422,12 +422,12 @@ def _columns(pixels: PixelsAtRest, text: str, where: str) -> Law:
     steps = [np.sort(step_mm[strong][chosen]) for chosen in members]
 
     def law(logs: Numbers) -> Numbers:
-        ratios = [noise_by_step(histogram, of_bin / np.exp(logs[1])) for of_bin in steps]
+        ratios = [noise_by_step(histogram, of_bin / np.exp(logs[0] + logs[1])) for of_bin in steps]
         return np.array([2.0 * logs[0] + np.log(np.mean(ratio**2)) for ratio in ratios])
 
-    start = np.array([0.5 * float(np.min(recorded.value)), math.log(start_mm)])
-    bounds = np.array([start[0] + np.array([-3.0, 3.0]), np.log(REST_BOUNDS[COLUMNS])]).T
-    return _determined(("scatter_c at rest", COLUMNS), solve(recorded, law, start, bounds), bounds)
+    first = np.array([0.5 * float(np.min(recorded.value)), math.log(start)])
+    bounds = np.array([first[0] + np.array([-3.0, 3.0]), np.log(REST_BOUNDS[COLUMNS])]).T
+    return _determined(("scatter_c at rest", COLUMNS), solve(recorded, law, first, bounds), bounds)
 
 
 def _converter(pixels: PixelsAtRest, text: str, where: str) -> Law:
@@ -465,7 +465,7 @@ def _converter_law(boards: Boards, recorded: Statistics, keys: Sequence[str], te
     middle_m = np.median(boards.pixels.mean_m)
 
     def height_of(sensor: Sensor) -> float:
-        return detection_margin(sensor, Target(illuminance_klux=ASSUMED_KLUX), middle_m).item()
+        return float(detection_margin(sensor, Target(illuminance_klux=ASSUMED_KLUX), middle_m)[0])
 
     given = height_of(parse_sensor(text, where))
 

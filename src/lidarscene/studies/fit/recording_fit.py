@@ -43,8 +43,8 @@ REFLECTIVITY_NOTE = (
 )
 
 SCALE_NOTE = (
-    "The scale of the intensities is not known, and a median reflectivity of 0.2 is assumed: jitter, beam and chatter "
-    "depend on it, energy spread and the coefficients of (T185) do not"
+    "The scale of the intensities is not known, and a median reflectivity of 0.2 is assumed: jitter, beam, chatter and "
+    "light over the noise depend on it, energy spread and the coefficients of (T185) do not"
 )
 
 LEAST_JUDGED = 50

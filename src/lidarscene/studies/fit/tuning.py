@@ -125,8 +125,9 @@ BOARD_ERROR = 0.1
 """Choice: relative error of the mean square of a board's ranges, 5 % of their scatter, for its light is assumed and its
 lean is that of a plane."""
 
-LEAST_STEP_MM = 0.25
-"""Choice: change of the range from column to column below which columns share noise as on a level surface."""
+LEAST_STEP_MM = 10.0
+"""Choice: change of the range from column to column, times the root of SIGNAL, below which columns share noise as on a
+level surface."""
 
 LEAST_BROADENING = 2.0
 """Choice: least length of an echo over the pulse on some surfaces, from which on slopes tell the beam's width."""
@@ -160,7 +161,7 @@ REST_BOUNDS = {
     "tdc.strong_jitter_ps": (1.0, 1e4),
     "laser.divergence_mrad": (0.05, 30.0),
     "tdc.chatter_mhz": (1.0, 1e4),
-    "histogram.column_range_mm": (0.2, 500.0),
+    "histogram.column_range_sigmas": (0.1, 100.0),
 }
 """Choice: numbers of the sensor file that frames at rest determine -> least and largest value that is tried."""
 

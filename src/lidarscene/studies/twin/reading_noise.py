@@ -121,7 +121,7 @@ def surface_without_noise(sensor: Sensor, grid: Grid, planes: Planes, apparent: 
     if noise is None:
         return np.where(planes.has_plane, planes.range_m, grid.sweep.range_m), apparent
     range_sigma_m = np.hypot(
-        noise.range_m * _noise_over_level(sensor, grid, planes), pointing_noise_m(sensor, _lean_m(grid, planes))
+        _noise_on_planes(noise.range_m, sensor, grid, planes), pointing_noise_m(sensor, _lean_m(grid, planes))
     )
     off_m = without_noise(measured_m - flat_m, range_sigma_m, noise.correlation)
     # On ground that is seen flat a pixel may be near its plane and metres off along the beam. Quads out there would
@@ -132,19 +132,19 @@ def surface_without_noise(sensor: Sensor, grid: Grid, planes: Planes, apparent: 
     return np.where(returned, range_m, planes.range_m), np.where(returned, np.exp(log_apparent), apparent)
 
 
-def _noise_over_level(sensor: Sensor, grid: Grid, planes: Planes) -> Numbers | float:
-    """Noise of each pixel's range over that of a surface that does not lean along its row, (T176a)."""
+def _noise_on_planes(level_m: Numbers, sensor: Sensor, grid: Grid, planes: Planes) -> Numbers:
+    """Noise of each pixel's range, ``level_m`` on a surface that does not lean along its row, (T176a)."""
     histogram = sensor.histogram
-    if histogram is None or histogram.column_range_m is None:
-        return 1.0
+    if histogram is None or histogram.column_range_sigmas is None:
+        return level_m
     direction = np.moveaxis(grid.sweep.direction, -1, 0)
     row_slope = relative_row_slope(tuple(np.moveaxis(planes.normal, -1, 0)), tuple(direction))
     step_m = row_slope * np.where(planes.has_plane, planes.range_m, 0.0) * histogram.column_rad
-    return noise_by_step(histogram, np.asarray(step_m / float(histogram.column_range_m)))
+    return level_m * noise_by_step(histogram, np.asarray(step_m / (float(histogram.column_range_sigmas) * level_m)))
 
 
 def noise_by_step(histogram: Histogram, step: Numbers) -> Numbers:
-    """Noise of ranges over that of a level surface, (T176a), where columns differ by ``step`` over their reach."""
+    """Noise of ranges over that of a level surface, (T176a), where columns differ by ``step`` reaches."""
     window = {column: float(weight) for column, weight in histogram.window.items()}
     return np.asarray(shared_shots.shares(window, step)[1])
 
