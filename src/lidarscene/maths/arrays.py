@@ -527,7 +527,7 @@ def aligned_copy(values: Numbers, dtype: type[np.generic]) -> Numbers:
     return aligned
 
 
-def is_drjit(x: object) -> bool:
+def is_drjit(x: Any) -> bool:
     """Return whether ``x`` is a Dr.Jit array, without importing Dr.Jit."""
     return _is_of_drjit(type(x))
 
