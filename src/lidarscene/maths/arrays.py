@@ -527,14 +527,16 @@ def aligned_copy(values: Numbers, dtype: type[np.generic]) -> Numbers:
     return aligned
 
 
-def is_drjit(x: Any) -> bool:
+def is_drjit(x: object) -> bool:
     """Return whether ``x`` is a Dr.Jit array, without importing Dr.Jit."""
     return _is_of_drjit(type(x))
 
 
-@functools.cache
-def _is_of_drjit(kind: type) -> bool:
+def _asked_of_drjit(kind: type) -> bool:
     return kind.__module__.startswith(("drjit", "mitsuba"))
+
+
+_is_of_drjit: Callable[[type], bool] = functools.cache(_asked_of_drjit)
 
 
 def inverse(order: Numbers) -> Numbers:
