@@ -22,7 +22,7 @@ ON_A_CARD = (
     "cloud/test_device_cloud.py::test_every_way_to_render_leaves_columns_there",
     "cloud/test_device_cloud.py::test_frames_of_a_run_are_each_their_own",
     "batch/test_dataset.py::test_a_sequence_is_that_of_render",
-    "kernel/device/test_launches.py",
+    "kernel/rays/test_nearby_bodies.py::test_one_kernel_asks_all_scenes",
 )
 """Tests of what a card does in its own way: columns that stay there, frames that share a launch, labelled sequences."""
 

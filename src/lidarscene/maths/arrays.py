@@ -532,9 +532,11 @@ def is_drjit(x: object) -> bool:
     return _is_of_drjit(type(x))
 
 
-@functools.cache
-def _is_of_drjit(kind: type) -> bool:
+def _asked_of_drjit(kind: type) -> bool:
     return kind.__module__.startswith(("drjit", "mitsuba"))
+
+
+_is_of_drjit: Callable[[type], bool] = functools.cache(_asked_of_drjit)
 
 
 def inverse(order: Numbers) -> Numbers:

@@ -206,4 +206,5 @@ def test_one_kernel_asks_all_scenes() -> None:
     assert simulator.world.has_panes
     assert simulator.world.mover_scene is not None
     assert len(cloud) > 100
+    assert sum(bool(kernel.get("uses_optix")) for kernel in kernels) <= 3
     assert 3 < len(kernels) < 20, [(kernel["operation_count"], kernel["size"]) for kernel in kernels]
