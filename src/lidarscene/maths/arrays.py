@@ -529,14 +529,12 @@ def aligned_copy(values: Numbers, dtype: type[np.generic]) -> Numbers:
 
 def is_drjit(x: object) -> bool:
     """Return whether ``x`` is a Dr.Jit array, without importing Dr.Jit."""
-    return _is_of_drjit(type(x))
+    return _is_of_drjit(type(x).__module__)
 
 
-def _asked_of_drjit(kind: type) -> bool:
-    return kind.__module__.startswith(("drjit", "mitsuba"))
-
-
-_is_of_drjit: Callable[[type], bool] = functools.cache(_asked_of_drjit)
+@functools.cache
+def _is_of_drjit(module: str) -> bool:
+    return module.startswith(("drjit", "mitsuba"))
 
 
 def inverse(order: Numbers) -> Numbers:
