@@ -424,6 +424,7 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     twin none.pcap -o out --frames 0-4 | --frames | numbers with commas | 0-4
     twin none.pcap -o out --held-out half | --held-out | number of a frame | half
     twin one.pcap -o out --held-out 0 | --held-out 0 | a frame
+    twin one.pcap -o out --sensor vlp-16 | --sensor | 32 rings of the recording | 16 channels
     certify points.bin -o out | --metadata | --sensor NAME
     certify damaged.bin -o out | rows of 16 bytes
     certify points.bin --sensor vlp-16 --frame 4 -o out | frame | 0 to 0 | 4
