@@ -63,10 +63,10 @@ def _range_with_noise(stop: Returns, light: FilteredLight, number: int) -> Lanes
     most_m = MOST_NOISE * deviation_m
     drawn_m = ops.maximum(ops.minimum(stop.range_m - stop.true_range_m, most_m), -most_m)
     assert light.sensor.histogram is not None
+    deviate = _column_deviate(light, stop.true_range_m, deviation_m, stop=number)
     if light.sensor.histogram.column_photons is not None:
         share = ops.maximum(signal / light.sensor.histogram.column_photons, LEAST_OF_MEAN)
         deviation_m = deviation_m * ops.minimum(share, 1.0)
-    deviate = _column_deviate(light, stop.true_range_m, deviation_m, stop=number)
     range_m = ops.maximum(stop.range_m - drawn_m + deviation_m * deviate, 0.0)
     time_s = tdc.quantise(
         time_s=radiometry.time_of_flight_s(range_m=range_m),
@@ -83,6 +83,9 @@ def _column_deviate(light: FilteredLight, range_m: Lanes, deviation_m: Lanes, *,
 
     Any point can draw the numbers of its neighbours, which need not be in the same chunk. It does not know their
     ranges: they follow from the lean at ``range_m`` of the surface that gives the pulse's strongest return.
+
+    Args:
+        deviation_m: of the noise that the point's own light gives (T176), by which columns count less (T176a)
     """
     sensor, pulse = light.sensor, light.pulse
     assert sensor.histogram is not None
