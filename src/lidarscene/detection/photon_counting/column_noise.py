@@ -2,8 +2,9 @@
 
 A receiver that takes shots of other columns into a point has their noise in it, too. Each column and channel has one
 standard normal number for each stop. The noise of a point is the sum of its own and those of the columns around it,
-with the weights of the sensor file, and has the size that its light gives. A column whose range is another one counts
-less, so that ranges scatter more where a surface leans along the row (docs/photon_counting.md, T176 to T177).
+with the weights of the sensor file, and has the size that its light gives, or less in weak returns. A column whose
+range is another one counts less, so that ranges scatter more where a surface leans along the row
+(docs/photon_counting.md, T176 to T177).
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from .tuning import LEAST_OF_MEAN, MOST_FIRED, MOST_NOISE
 
 
 def share_noise(detection: Detection, light: FilteredLight) -> Detection:
-    """Replace the noise of the ranges of echoes by noise of the same size that neighbouring columns share, if they do.
+    """Replace the noise of echoes' ranges by noise that neighbouring columns share, if they do (T176 to T176b).
 
     Only the noise is shared: the range stays that of the point's own surface. Points that are no echo, echoes that were
     folded, and those that fire nearly all SPADs keep their noise.
