@@ -26,7 +26,8 @@ def share_noise(detection: Detection, light: FilteredLight) -> Detection:
     """Replace the noise of echoes' ranges by noise that neighbouring columns share, if they do (T176 to T176b).
 
     Only the noise is shared: the range stays that of the point's own surface. Points that are no echo, echoes that were
-    folded, and those that fire nearly all SPADs keep their noise.
+    folded, and those that fire nearly all SPADs keep their noise. Weak returns have less of it (T176b), correlated as
+    that of all others (T177).
 
     Args:
         light: in which the echoes were found
