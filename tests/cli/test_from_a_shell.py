@@ -66,11 +66,6 @@ def test_a_current_folder_that_is_gone_is_one_line(tmp_path: Path, mi: object) -
         assert shell(f"render edges -o {output}", tmp_path, before=gone) == (2, "", line)
 
 
-def test_a_name_that_is_not_utf8_is_one_line(tmp_path: Path) -> None:
-    code, out, err = shell("render edges -o $'stra\\xdfe.ply'", tmp_path)
-    assert (code, out, err.count("\n"), "must be UTF-8" in err) == (2, "", 1, True)
-
-
 def test_an_interrupt_while_it_is_imported_has_no_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
     class Interrupted(ModuleType):
         def __getattr__(self, name: str) -> object:

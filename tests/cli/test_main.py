@@ -350,9 +350,14 @@ def test_bodies_classes_and_materials_in_the_cloud(run: Run, tmp_path: Path, mi:
 
 
 def test_names_of_all_kinds_of_letters(run: Run, tmp_path: Path, wall: str, mi: ModuleType) -> None:
-    ran = run("render", wall, "-o", "Köln \udcff\n.ply", *COARSE)
-    assert (ran.code, ran.err) == (0, "")
+    """Reports and pages escape the bytes of a name that are no text."""
+    cloud = "Köln \udcff\n.ply"
+    for words in (["render", wall, "-o", cloud, *COARSE], ["view", cloud, "--save", "a.html"]):
+        ran = run(*words)
+        assert (ran.code, ran.err) == (0, "")
     assert len(list(tmp_path.glob("K*.ply"))) == 1
+    run("compare", cloud, cloud, "-o", "report")  # matplotlib draws no such letter, which is a note
+    assert "Köln \\udcff" in (tmp_path / "report" / "index.html").read_text(encoding="utf-8")
 
 
 def test_the_five_scenes_are_there() -> None:

@@ -24,7 +24,8 @@ ON_A_CARD = (
     "batch/test_dataset.py::test_a_sequence_is_that_of_render",
     "kernel/rays/test_nearby_bodies.py::test_one_kernel_asks_all_scenes",
 )
-"""Tests of what a card does in its own way: columns that stay there, frames that share a launch, labelled sequences."""
+"""Tests of what a card does in its own way: columns that stay there, frames that share a launch, labelled sequences,
+and one kernel that asks all scenes."""
 
 
 @pytest.fixture(autouse=True)

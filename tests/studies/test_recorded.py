@@ -199,7 +199,7 @@ def test_lists_of_unequal_length(tmp_path: Path) -> None:
 def test_command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """A table and 0; JSON; 1 where a bound is passed; one line without a recording."""
     assert main.main(["catalog", "check", "os0-128", "--real"]) == 0
-    assert "The catalogue meets all 14 limits." in capsys.readouterr().out
+    assert "The catalogue meets all 19 limits." in capsys.readouterr().out
     monkeypatch.setitem(LIMITS, "signal ratio", Limits(1.0 / 1.001, 1.001))
     assert main.main(["catalog", "check", "os0-128", "--real", "--json"]) == 1
     rows = json.loads(capsys.readouterr().out)

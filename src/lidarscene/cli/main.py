@@ -47,7 +47,7 @@ from .terminal import (
     tell,
 )
 from .view import add_view
-from .words import require_words, with_joined_pose
+from .words import require_no_empty, with_joined_pose
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -60,7 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         atexit.register(gc.freeze)
     try:
         words = sys.argv[1:] if argv is None else argv
-        require_words(words)
+        require_no_empty(words)
         arguments = _parser().parse_args(with_joined_pose(words))
         quiet = bool(getattr(arguments, "quiet", False))
         with notes(), quietly(quiet):

@@ -80,17 +80,11 @@ def pulses(text: str) -> tuple[int, ...]:
     return tuple(chosen)
 
 
-def require_words(argv: Sequence[str]) -> None:
-    """Raise InputError for an argument without a letter, which as a path is the current folder, or not in UTF-8.
-
-    A name whose bytes are not UTF-8 cannot be written into a report, a scene or a table.
-    """
+def require_no_empty(argv: Sequence[str]) -> None:
+    """Raise InputError for an argument without a letter: as a path it would be the current folder."""
     if "" in argv:
         before = argv[argv.index("") - 1] if argv[0] else "lidarscene"
         raise InputError(f"an argument is empty, behind {before}: is a variable of the shell not set?")
-    for word in argv:
-        if not word.isprintable() and any("\ud800" <= letter <= "\udfff" for letter in word):
-            raise InputError(f"{word!a}: must be UTF-8 text; rename the file, or set the variable LC_ALL=C.UTF-8")
 
 
 def with_joined_pose(argv: Sequence[str]) -> list[str]:

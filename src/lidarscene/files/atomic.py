@@ -83,13 +83,13 @@ def atomic_output(path: str | os.PathLike[str], *, synced: bool = True) -> Itera
 
 
 def put_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write a text file, atomically: UTF-8, with line feeds.
+    """Write a text file, atomically: UTF-8, with line feeds. Bytes of a name that are no text are escaped.
 
     Raises:
         OutputError: if a result cannot be written
     """
     with atomic_output(path) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
+        temporary.write_text(text, encoding="utf-8", errors="backslashreplace", newline="\n")
 
 
 @contextmanager

@@ -529,12 +529,12 @@ def aligned_copy(values: Numbers, dtype: type[np.generic]) -> Numbers:
 
 def is_drjit(x: object) -> bool:
     """Return whether ``x`` is a Dr.Jit array, without importing Dr.Jit."""
-    return _is_of_drjit(type(x))
+    return _is_of_drjit(type(x).__module__)
 
 
 @functools.cache
-def _is_of_drjit(kind: type) -> bool:
-    return kind.__module__.startswith(("drjit", "mitsuba"))
+def _is_of_drjit(module: str) -> bool:
+    return module.startswith(("drjit", "mitsuba"))
 
 
 def inverse(order: Numbers) -> Numbers:

@@ -62,7 +62,7 @@ def save(source: Source, path: Path) -> None:
             )
         )
     with atomic_output(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 def read_static(name: str) -> str:

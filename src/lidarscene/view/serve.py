@@ -180,7 +180,7 @@ class _Handler(BaseHTTPRequestHandler):
         """Answer with the page or a blob."""
         source = self.server.source
         if self.path.partition("?")[0] == "/":
-            self._answer(lambda: page(source.title).encode(), "text/html; charset=utf-8")
+            self._answer(lambda: page(source.title).encode(errors="backslashreplace"), "text/html; charset=utf-8")
         elif (job := blob_of(source, self.path.removeprefix("/"))) is not None:
             self._answer(job)
         else:

@@ -117,9 +117,7 @@ class Statistics:
             share = np.stack([np.bincount(of_bin, minlength=number) for of_bin in blocks], axis=1) / counts
             squares = [np.sum((bin_values - middle) ** 2) for bin_values, middle in zip(values, mean, strict=True)]
             sigma, parts = np.sqrt(squares) / counts, sums / counts - share * mean
-        return cls(
-            value=mean, sigma=sigma, parts=parts, share=share, kind=0 * counts, trials=np.full(len(counts), np.inf)
-        )
+        return cls(value=mean, sigma=sigma, parts=parts, share=share, kind=0 * counts, trials=counts + np.inf)
 
     def logarithm(self) -> Statistics:
         """Statistics of the logarithms."""
