@@ -33,7 +33,7 @@ def card(monkeypatch: pytest.MonkeyPatch) -> None:
     """Processes that a test starts have the emulated card."""
     try:
         card = emulator.environment()
-    except emulator.NoCompilerError as error:
+    except emulator.NoEmulatorError as error:
         pytest.skip(str(error))
     for name, value in card.items():
         monkeypatch.setenv(name, value)
