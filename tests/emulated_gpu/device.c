@@ -195,12 +195,14 @@ static void *translated(const char *ptx, size_t size) {
     snprintf(library, sizeof library, FOLDER "/%016lx.so", hash);
     void *handle = dlopen(library, RTLD_NOW | RTLD_LOCAL);
     if (!handle) {
-        /* Two processes may compile the same: each renames what is whole. */
-        snprintf(ptx_file, sizeof ptx_file, FOLDER "/%016lx.%d.ptx", hash, (int)getpid());
+        /* Two processes, or two threads, may compile the same: each renames what is whole. */
+        static int number;
+        snprintf(ptx_file, sizeof ptx_file, FOLDER "/%016lx.%d.%d.ptx", hash, (int)getpid(), __sync_fetch_and_add(&number, 1));
         FILE *file = fopen(ptx_file, "w");
         if (!file || fwrite(ptx, 1, size, file) != size || fclose(file)) fail("cannot write %s", ptx_file);
         snprintf(command, sizeof command, COMPILE, ptx_file, ptx_file, ptx_file, ptx_file, ptx_file, library);
-        if (system(command) || !(handle = dlopen(library, RTLD_NOW | RTLD_LOCAL))) fail("cannot compile %s", ptx_file);
+        if (system(command)) abort(); /* ptx.py or the compiler has said why */
+        if (!(handle = dlopen(library, RTLD_NOW | RTLD_LOCAL))) fail("%s", dlerror());
         snprintf(command, sizeof command, "%s.c", ptx_file);
         unlink(command);
         unlink(ptx_file);

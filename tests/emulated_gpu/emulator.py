@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -19,18 +20,18 @@ from pathlib import Path
 
 SOURCES = Path(__file__).parent
 
-LARGEST_ROUNDING_ULP = 1
+ROUNDING_ULP = int(os.environ.get("EMULATED_GPU_ULP", "1"))
 """Choice: what an approximate instruction of the card may be off, units in the last place. A card's `div.approx` is off
 by up to 2 of them, `sqrt.approx` and `ex2.approx` by about 1 ("PTX ISA")."""
 
 
-class NoCompilerError(Exception):
-    """No C compiler is there."""
+class NoEmulatorError(Exception):
+    """Something is missing that the emulated card is made from."""
 
 
-def environment(*, rounding_ulp: int = LARGEST_ROUNDING_ULP) -> dict[str, str]:
+def environment() -> dict[str, str]:
     """Return this process's environment, with what makes Dr.Jit take the emulated card."""
-    library = str(_driver(rounding_ulp))
+    library = str(_driver())
     return os.environ | {
         "LIDARSCENE_VARIANT": "cuda_ad_mono",
         "DRJIT_LIBCUDA_PATH": library,
@@ -39,23 +40,24 @@ def environment(*, rounding_ulp: int = LARGEST_ROUNDING_ULP) -> dict[str, str]:
     }
 
 
-def _driver(rounding_ulp: int) -> Path:
+def _driver() -> Path:
     """Return the driver's library; compile it if it is not there.
 
     Its folder is named by all that its kernels depend on, so that none of another translator is found there.
     """
     compiler = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
     mitsuba = find_spec("mitsuba")
-    if compiler is None or mitsuba is None or mitsuba.origin is None:
-        raise NoCompilerError("the emulated GPU needs a C compiler (cc) and Mitsuba")
+    if sys.platform != "linux" or compiler is None or mitsuba is None or mitsuba.origin is None:
+        raise NoEmulatorError("the emulated GPU needs Linux, a C compiler (cc) and Mitsuba")
     embree = Path(mitsuba.origin).with_name("libembree3.so")
     quick = shutil.which("tcc")
     kernels = f"{quick} -shared" if quick else f"{compiler} -O0 -w -fno-strict-aliasing -shared -fPIC"
+    python, translator, headers = map(shlex.quote, (sys.executable, str(SOURCES / "ptx.py"), str(SOURCES)))
     compile_kernel = (
-        f"{sys.executable} -I -S {SOURCES / 'ptx.py'} %s %s.c"
-        f" && {kernels} -DULPS={rounding_ulp} -I{SOURCES} %s.c -o %s.so -lm && mv %s.so %s"
+        f"{python} -I -S {translator} '%s' '%s.c'"
+        f" && {kernels} -DULPS={ROUNDING_ULP} -I{headers} '%s.c' -o '%s.so' -lm && mv '%s.so' '%s'"
     )
-    texts = [path.read_bytes() for path in sorted(SOURCES.glob("*.[chp]*"))]
+    texts = [path.read_bytes() for path in (*sorted(SOURCES.glob("*.[ch]")), SOURCES / "ptx.py")]
     digest = hashlib.sha256(b"".join([*texts, compile_kernel.encode(), str(embree).encode()])).hexdigest()[:16]
     folder = Path(tempfile.gettempdir()) / f"lidarscene-emulated-gpu-{os.getuid()}-{digest}"
     library = folder / "libcuda.so"
@@ -73,5 +75,5 @@ def _driver(rounding_ulp: int) -> Path:
 if __name__ == "__main__":
     try:
         os.execvpe(sys.argv[1], sys.argv[1:], environment())
-    except NoCompilerError as error:
+    except NoEmulatorError as error:
         sys.exit(f"error: {error}")

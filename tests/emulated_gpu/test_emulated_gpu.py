@@ -24,7 +24,8 @@ ON_A_CARD = (
     "batch/test_dataset.py::test_a_sequence_is_that_of_render",
     "kernel/rays/test_nearby_bodies.py::test_one_kernel_asks_all_scenes",
 )
-"""Tests of what a card does in its own way: columns that stay there, frames that share a launch, labelled sequences."""
+"""Tests of what a card does in its own way: columns that stay there, frames that share a launch, labelled sequences,
+and one kernel that asks all scenes."""
 
 
 @pytest.fixture(autouse=True)
@@ -32,7 +33,7 @@ def card(monkeypatch: pytest.MonkeyPatch) -> None:
     """Processes that a test starts have the emulated card."""
     try:
         card = emulator.environment()
-    except emulator.NoCompilerError as error:
+    except emulator.NoEmulatorError as error:
         pytest.skip(str(error))
     for name, value in card.items():
         monkeypatch.setenv(name, value)

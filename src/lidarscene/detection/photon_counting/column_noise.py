@@ -19,7 +19,7 @@ from ...physics.photon_counting import shared_shots
 from ..outcomes import Status
 from ..report import Detection, Returns
 from .expectation import FilteredLight
-from .tuning import LEAST_OF_MEAN, MOST_FIRED, MOST_NOISE
+from .tuning import MOST_FIRED, MOST_NOISE
 
 
 def share_noise(detection: Detection, light: FilteredLight) -> Detection:
@@ -66,9 +66,7 @@ def _range_with_noise(stop: Returns, light: FilteredLight, number: int) -> Lanes
     drawn_m = ops.maximum(ops.minimum(stop.range_m - stop.true_range_m, most_m), -most_m)
     assert light.sensor.histogram is not None
     deviate = _column_deviate(light, stop.true_range_m, deviation_m, stop=number)
-    if light.sensor.histogram.column_photons is not None:
-        share = ops.maximum(signal / light.sensor.histogram.column_photons, LEAST_OF_MEAN)
-        deviation_m = deviation_m * ops.minimum(share, 1.0)
+    deviation_m = deviation_m * light.sensor.histogram.noise_left(signal)
     range_m = ops.maximum(stop.range_m - drawn_m + deviation_m * deviate, 0.0)
     time_s = tdc.quantise(
         time_s=radiometry.time_of_flight_s(range_m=range_m),
