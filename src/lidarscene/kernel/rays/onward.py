@@ -119,7 +119,8 @@ def stopped(moment: Moment, path: BeamPath, pane: Meeting, behind_m: Lanes) -> t
     number = dr.reinterpret_array(mitsuba().UInt32, pane.surface.shape)
     free_path_m = dr.gather(mitsuba().Float, moment.speculars.free_path_m, number, porous)
     depth_m = -free_path_m * dr.log(dr.maximum(draw, LEAST_DRAW))
-    return ends & (pane.t + depth_m < behind_m), dataclasses.replace(pane, t=pane.t + depth_m)
+    room = (free_path_m == 0.0) | (pane.t + depth_m < behind_m)
+    return ends & room, dataclasses.replace(pane, t=pane.t + depth_m)
 
 
 def continued(moment: Moment, path: BeamPath, meeting: Meeting, active: Mask, *, reflected: bool) -> BeamPath:
