@@ -207,7 +207,7 @@ def _lobe(moment: Moment, meeting: Meeting, kind: Array, active: Mask, *, reflec
     speculars = moment.speculars
     context = mi.BSDFContext()
     direction, share = mi.Vector3f(0.0, 0.0, 1.0), mi.Float(0.0)
-    # Through a gap: straight on, with all of the light (the ray was drawn, `is_stopped`).
+    # Through a gap: straight on, with all of the light (the ray was drawn, `stopped`).
     if speculars.gaps and not reflected:
         porous = speculars.is_porous(kind)
         direction, share = dr.select(porous, -meeting.surface.wi, direction), dr.select(porous, 1.0, share)
