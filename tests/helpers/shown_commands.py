@@ -236,7 +236,11 @@ def coarse(arguments: list[str]) -> list[str]:
     if "--illuminance-klux" in options:
         options[options.index("--illuminance-klux") + 1] = "10,100"
     if command == "fov":
-        options += ["--time", "0.02", "--cell", "8"]
+        for option, value in (("--time", "0.02"), ("--cell", "8")):
+            if option in options:
+                options[options.index(option) + 1] = value
+            else:
+                options += [option, value]
     rig, scene = value_of("--rig", options), next(filter(is_shipped, options), None)
     if rig == "rig":
         sets: tuple[str, ...] = COARSE_RIG

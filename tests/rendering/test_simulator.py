@@ -169,15 +169,25 @@ def test_frames_that_cannot_be_traced_together() -> None:
     assert together == [1, 1]
 
 
-def test_launches_of_a_sequence_are_alike(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No launch for a few frames at the end, and none with more lanes than a chunk."""
+@pytest.mark.parametrize(
+    ("chunk", "expected"),
+    [
+        (None, [[3], [4], [5], [3, 3], [4, 3], [5, 4], [4, 4, 4], [5, 4, 4]]),
+        (45_000, [[3], [4], [3, 2], [3, 3], [4, 3], [3, 3, 3], [4, 4, 4], [4, 3, 3, 3]]),
+    ],
+)
+def test_launches_of_a_sequence_are_alike(
+    monkeypatch: pytest.MonkeyPatch, chunk: int | None, expected: list[list[int]]
+) -> None:
+    """No launch for a few frames at the end, and none with more lanes than a chunk, which may be those of a launch."""
     sim = Simulator(load_scene(CAR), load_sensor("livox-mid-40"))
     monkeypatch.setattr(blocks, "lanes_per_launch", lambda: 4 * sim.sensor.scanner.pulses)
     together = launches.count_frames(sim)
-    for frames in (3, 4, 5, 6, 7, 12):
-        sim.begin(FrameOptions(number=100 * frames), frames)
-    sim.begin(FrameOptions(number=1, chunk=45_000), 5)
-    assert together == [3, 4, 5, 3, 4, 4, 4]
+    for frames in expected:
+        together.clear()
+        while left := sum(frames) - sum(together):
+            sim.begin(FrameOptions(number=100 * sum(frames) - left, chunk=chunk), left)
+        assert together == frames
 
 
 def test_a_mistake_is_of_its_own_frame() -> None:

@@ -543,11 +543,11 @@ class Simulator(HintedAttributes):
         None where the first has a mistake, or the vehicle is in another piece of the scene then.
         """
         chunk, launch = self._chunk_pulses(options), blocks.lanes_per_launch() // self._rays_of_pulse
-        limit, best = (pulses // self.sensor.scanner.pulses for pulses in (chunk, min(chunk, launch)))
+        limit, best = (max(pulses // self.sensor.scanner.pulses, 1) for pulses in (chunk, min(chunk, launch)))
         # Launches are alike: a few frames more cost less than a launch for the last of them.
-        most = min(limit, math.ceil(frames / max(round(frames / max(best, 1)), 1)))
+        most = math.ceil(frames / max(round(frames / best), math.ceil(frames / limit), 1))
         together = list[tuple[FrameOptions, Frame]]()
-        for number in range(options.number, options.number + max(most if self.numbering.goes_together else 1, 1)):
+        for number in range(options.number, options.number + (most if self.numbering.goes_together else 1)):
             following = replace(options, number=number)
             try:
                 if self._piece_at(following) != self._piece:

@@ -135,11 +135,19 @@ def test_columns_count_less_where_a_surface_leans(step_mm, seed):
     assert abs(np.nanmean(error)) < 5.0 * 2.3 * np.nanstd(error) / np.sqrt(error.size)
 
 
+@pytest.mark.parametrize("step_mm", [0.0, 12.0])
 @pytest.mark.parametrize("photons_of_echo", [25.0, 100.0, 900.0])
-def test_weak_returns_take_more_columns_into_the_mean(photons_of_echo, seed):
-    """Up to 400 photons the noise is that without the key times S / 400, or 0.18; the numbers are the same."""
+def test_weak_returns_take_more_columns_into_the_mean(photons_of_echo, step_mm, seed):
+    """Up to 400 photons the noise is that without the key times S / 400, or 0.18, wherever the surface leans; the
+    numbers are the same.
+    """
+    reach = "histogram.column_range_sigmas=3"
     light = walls(head(), photons_of_echo, illuminance_klux=0.0)
-    few, many = (errors_mm(head(WEIGHTS, *keys), light, seed=seed) for keys in ((), ("histogram.column_photons=400",)))
+    slope = 1e-3 * step_mm / light.range_m / head().sweep_rad
+    light = dataclasses.replace(light, row_slope=slope)
+    few, many = (
+        errors_mm(head(WEIGHTS, reach, *keys), light, seed=seed) for keys in ((), ("histogram.column_photons=400",))
+    )
     known = np.isfinite(few)
     expected = min(max(photons_of_echo / 400.0, 0.18), 1.0)
     # What drawn bins are off (T176), by up to three deviations, is left over; whole millimetres have none of it.

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from helpers.twins import room_sweep
 
-from lidarscene.detection.photon_counting.tuning import LEAST_OF_MEAN
 from lidarscene.maths.arrays import Numbers
 from lidarscene.physics.photon_counting import shared_shots
 from lidarscene.sensor.sensor_file import load_sensor
@@ -37,7 +36,7 @@ def test_noise_of_photons_is_theirs() -> None:
     photons = 0.5 * white_signal(sensor, range_m)
     np.testing.assert_allclose(noise.log_strength * np.sqrt(photons), 1.0, atol=0.15)
     assert sensor.histogram is not None
-    share = np.clip(photons / float(sensor.histogram.column_photons or 1.0), LEAST_OF_MEAN, 1.0)
+    share = sensor.histogram.noise_left(photons)
     ratio = noise.range_m * np.sqrt(photons) / (1e-3 * scatter_c_mm(sensor) * share)
     assert 0.85 < ratio.min() < ratio.max() < 1.35
 

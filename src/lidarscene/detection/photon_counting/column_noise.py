@@ -2,8 +2,9 @@
 
 A receiver that takes shots of other columns into a point has their noise in it, too. Each column and channel has one
 standard normal number for each stop. The noise of a point is the sum of its own and those of the columns around it,
-with the weights of the sensor file, and has the size that its light gives. A column whose range is another one counts
-less, so that ranges scatter more where a surface leans along the row (docs/photon_counting.md, T176 to T177).
+with the weights of the sensor file, and has the size that its light gives, or less in weak returns. A column whose
+range is another one counts less, so that ranges scatter more where a surface leans along the row
+(docs/photon_counting.md, T176 to T177).
 """
 
 from __future__ import annotations
@@ -18,14 +19,15 @@ from ...physics.photon_counting import shared_shots
 from ..outcomes import Status
 from ..report import Detection, Returns
 from .expectation import FilteredLight
-from .tuning import LEAST_OF_MEAN, MOST_FIRED, MOST_NOISE
+from .tuning import MOST_FIRED, MOST_NOISE
 
 
 def share_noise(detection: Detection, light: FilteredLight) -> Detection:
-    """Replace the noise of the ranges of echoes by noise of the same size that neighbouring columns share, if they do.
+    """Replace the noise of echoes' ranges by noise that neighbouring columns share, if they do (T176 to T176b).
 
     Only the noise is shared: the range stays that of the point's own surface. Points that are no echo, echoes that were
-    folded, and those that fire nearly all SPADs keep their noise.
+    folded, and those that fire nearly all SPADs keep their noise. Weak returns have less of it (T176b), correlated as
+    that of all others (T177).
 
     Args:
         light: in which the echoes were found
@@ -63,10 +65,8 @@ def _range_with_noise(stop: Returns, light: FilteredLight, number: int) -> Lanes
     most_m = MOST_NOISE * deviation_m
     drawn_m = ops.maximum(ops.minimum(stop.range_m - stop.true_range_m, most_m), -most_m)
     assert light.sensor.histogram is not None
-    if light.sensor.histogram.column_photons is not None:
-        share = ops.maximum(signal / light.sensor.histogram.column_photons, LEAST_OF_MEAN)
-        deviation_m = deviation_m * ops.minimum(share, 1.0)
     deviate = _column_deviate(light, stop.true_range_m, deviation_m, stop=number)
+    deviation_m = deviation_m * light.sensor.histogram.noise_left(signal)
     range_m = ops.maximum(stop.range_m - drawn_m + deviation_m * deviate, 0.0)
     time_s = tdc.quantise(
         time_s=radiometry.time_of_flight_s(range_m=range_m),
@@ -83,6 +83,9 @@ def _column_deviate(light: FilteredLight, range_m: Lanes, deviation_m: Lanes, *,
 
     Any point can draw the numbers of its neighbours, which need not be in the same chunk. It does not know their
     ranges: they follow from the lean at ``range_m`` of the surface that gives the pulse's strongest return.
+
+    Args:
+        deviation_m: of the noise that the point's own light gives (T176), by which columns count less (T176a)
     """
     sensor, pulse = light.sensor, light.pulse
     assert sensor.histogram is not None

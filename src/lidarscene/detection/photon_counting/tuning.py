@@ -65,10 +65,6 @@ MOST_FIRED = 0.8
 """Accuracy bought: share of the SPADs up to which an echo's noise follows (T176); brighter ones keep theirs, which is
 up to 1.5 times as large, with what the correction of their walk adds."""
 
-LEAST_OF_MEAN = 0.18
-"""Source: recordings of an OS0-32 and an OS1-32 (docs/recorded.md); least noise of a mean of many columns over that of
-one: 1/6 and 1/4 for returns of 14 to 23 photons. 0.18 are 31 columns."""
-
 MOST_NOISE = 3.0
 """Choice: deviations of a point's range from the true one that are taken for noise; what lies beyond is no noise and
 stays."""

@@ -34,7 +34,8 @@ def shares(window: Mapping[int, Lanes], step: Lanes) -> tuple[dict[int, Lanes], 
 def correlation(weights: Sequence[float], columns: Numbers | int) -> Numbers:
     """Correlation of the noise of two points so many columns apart (T177).
 
-    sum_k w_k w_(k+m) / sum_k w_k^2: 1 - m / n for n equal weights, a^m for weights a^k.
+    sum_k w_k w_(k+m) / sum_k w_k^2: 1 - m / n for n equal weights, a^m for weights a^k. Weak returns have it, too,
+    though real ones that take more columns (T176b) share more.
 
     Args:
         weights: of the shots of columns that follow each other

@@ -273,5 +273,5 @@ def _sigma_m(signal: Lanes, pixel: Macropixel, floor_m: Lanes) -> Lanes:
     photon_variance = relative * relative * (1.0 + SECOND_ORDER / signal) / signal
     shape = 1.0 + 1.0 / (w * w)
     background_variance = rate_hz * sigma_s * (0.5 * math.sqrt(math.pi)) * (w * shape) ** 3 / (signal * signal)
-    scale_m = 0.5 * SPEED_OF_LIGHT_M_S * sigma_s
+    scale_m = 0.5 * SPEED_OF_LIGHT_M_S * sigma_s * pixel.histogram.noise_left(signal)
     return ops.sqrt(scale_m * scale_m * (photon_variance + background_variance) + floor_m * floor_m)
