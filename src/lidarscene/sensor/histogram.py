@@ -29,7 +29,7 @@ MOST_COLUMNS = 16
 
 LEAST_REST = 0.18
 """Source: recording of an OS0-32 (docs/recorded.md): the rest about a parabola over nine columns, over that of strong
-returns, is 1/6 for returns of 23 photons and fewer. It is no noise of a mean: the parabola takes out the waves along
+returns, is 1/6 for returns of 23 photons. It is no noise of a mean: the parabola takes out the waves along
 many columns."""
 
 _TEMPLATE_REACH = 3.0
