@@ -190,22 +190,19 @@ typedef struct { Entry *entry; char name[64]; } Function;
 /* Compile a module into a shared library; its file is kept by the hash of its text. */
 static void *translated(const char *ptx, size_t size) {
     u64 hash = 1469598103934665603ull; /* FNV-1a */
-    char ptx_file[512], library[512], command[4096];
+    char library[sizeof FOLDER + 32], file_name[sizeof FOLDER + 64], command[sizeof COMPILE + 512];
     for (size_t i = 0; i < size; i++) hash = (hash ^ (u8)ptx[i]) * 1099511628211ull;
-    snprintf(library, sizeof library, FOLDER "/%016lx.so", hash);
+    sprintf(library, "%s/%016lx.so", FOLDER, hash);
     void *handle = dlopen(library, RTLD_NOW | RTLD_LOCAL);
     if (!handle) {
         /* Two processes, or two threads, may compile the same: each renames what is whole. */
         static int number;
-        snprintf(ptx_file, sizeof ptx_file, FOLDER "/%016lx.%d.%d.ptx", hash, (int)getpid(), __sync_fetch_and_add(&number, 1));
-        FILE *file = fopen(ptx_file, "w");
-        if (!file || fwrite(ptx, 1, size, file) != size || fclose(file)) fail("cannot write %s", ptx_file);
-        snprintf(command, sizeof command, COMPILE, ptx_file, ptx_file, ptx_file, ptx_file, ptx_file, library);
+        sprintf(file_name, "%s/%016lx.%d.%d.ptx", FOLDER, hash, (int)getpid(), __sync_fetch_and_add(&number, 1));
+        FILE *file = fopen(file_name, "w");
+        if (!file || fwrite(ptx, 1, size, file) != size || fclose(file)) fail("cannot write %s", file_name);
+        sprintf(command, COMPILE, file_name + sizeof FOLDER, library + sizeof FOLDER);
         if (system(command)) abort(); /* ptx.py or the compiler has said why */
         if (!(handle = dlopen(library, RTLD_NOW | RTLD_LOCAL))) fail("%s", dlerror());
-        snprintf(command, sizeof command, "%s.c", ptx_file);
-        unlink(command);
-        unlink(ptx_file);
     }
     return handle;
 }

@@ -3,20 +3,23 @@
     python tests/emulated_gpu/emulator.py .venv/bin/lidarscene doctor
 
 runs a command with it. Its two parts, the driver (device.c, optix.h) and the translator of kernels (ptx.py), are
-compiled when they are first used, into a folder for these sources.
+compiled when they are first used, into the cache folder.
 """
 
 from __future__ import annotations
 
 import hashlib
+import json
 import os
+import platform
 import shlex
 import shutil
 import subprocess
 import sys
-import tempfile
 from importlib.util import find_spec
 from pathlib import Path
+
+from lidarscene.files.cache_folder import VARIABLE, cache_folder
 
 SOURCES = Path(__file__).parent
 
@@ -43,37 +46,59 @@ def environment() -> dict[str, str]:
 def _driver() -> Path:
     """Return the driver's library; compile it if it is not there.
 
-    Its folder is named by all that its kernels depend on, so that none of another translator is found there.
+    Raises:
+        NoEmulatorError: if it cannot be made here
     """
-    compiler = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
-    mitsuba = find_spec("mitsuba")
-    if sys.platform != "linux" or compiler is None or mitsuba is None or mitsuba.origin is None:
-        raise NoEmulatorError("the emulated GPU needs Linux, a C compiler (cc) and Mitsuba")
-    embree = Path(mitsuba.origin).with_name("libembree3.so")
+    compiler, mitsuba = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None), find_spec("mitsuba")
+    embree = Path(mitsuba.origin if mitsuba and mitsuba.origin else __file__).with_name("libembree3.so")
+    if sys.platform != "linux" or platform.machine() != "x86_64" or compiler is None or not embree.exists():
+        raise NoEmulatorError("the emulated GPU needs Linux on x86-64, a C compiler (cc) and Mitsuba with its Embree")
     quick = shutil.which("tcc")
-    kernels = f"{quick} -shared" if quick else f"{compiler} -O0 -w -fno-strict-aliasing -shared -fPIC"
-    python, translator, headers = map(shlex.quote, (sys.executable, str(SOURCES / "ptx.py"), str(SOURCES)))
-    compile_kernel = (
-        f"{python} -I -S {translator} '%s' '%s.c'"
-        f" && {kernels} -DULPS={ROUNDING_ULP} -I{headers} '%s.c' -o '%s.so' -lm && mv '%s.so' '%s'"
+    to_kernel = [quick] if quick else [compiler, "-O0", "-w", "-fno-strict-aliasing", "-fPIC"]
+    to_kernel += ["-shared", f"-DULPS={ROUNDING_ULP}", f"-I{SOURCES}"]
+    to_c = [sys.executable, "-I", "-S", str(SOURCES / "ptx.py")]
+    to_driver = [compiler, "-O1", "-w", "-fno-strict-aliasing", "-fPIC", "-shared", "-fvisibility=hidden", "-DULPS=0"]
+    to_driver += [str(SOURCES / "device.c"), str(embree), "-Xlinker", "-rpath", "-Xlinker", str(embree.parent), "-ldl"]
+    # The folder is named by all that its kernels depend on, so that none of another translator is found there.
+    texts = [path.read_bytes() for path in (*sorted(SOURCES.glob("*.[ch]")), SOURCES / "ptx.py", Path(__file__))]
+    folder = _own_folder(
+        hashlib.sha256(b"".join([*texts, repr((to_kernel, to_c, to_driver)).encode()])).hexdigest()[:16]
     )
-    texts = [path.read_bytes() for path in (*sorted(SOURCES.glob("*.[ch]")), SOURCES / "ptx.py")]
-    digest = hashlib.sha256(b"".join([*texts, compile_kernel.encode(), str(embree).encode()])).hexdigest()[:16]
-    folder = Path(tempfile.gettempdir()) / f"lidarscene-emulated-gpu-{os.getuid()}-{digest}"
-    library = folder / "libcuda.so"
-    if not library.exists():
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        partial = folder / f"{os.getpid()}.so"
-        defined = [f'-DFOLDER="{folder}"', f'-DCOMPILE="{compile_kernel}"', "-DULPS=0"]
-        options = ["-O1", "-w", "-fno-strict-aliasing", "-fvisibility=hidden", "-shared", "-fPIC", *defined]
-        libraries = [str(embree), f"-Wl,-rpath,{embree.parent}", "-ldl", "-lm"]
-        subprocess.run([compiler, *options, str(SOURCES / "device.c"), "-o", str(partial), *libraries], check=True)
-        partial.rename(library)  # two processes at once make two, of which the last one stays
+    library, partial = folder / "libcuda.so", folder / f"{os.getpid()}.so"
+    if library.exists():
+        return library
+    # For printf: %1$s begins the names of a kernel's files in the folder, %2$s is that of its library.
+    place, c, kernel = (shlex.join(words).replace("%", "%%") for words in (["cd", str(folder)], to_c, to_kernel))
+    compiling = f"{place} && {c} %1$s %1$s.c && {kernel} %1$s.c -o %1$s.so -lm && mv %1$s.so %2$s && rm %1$s %1$s.c"
+    defined = [f"-DFOLDER={_in_c(str(folder))}", f"-DCOMPILE={_in_c(compiling)}"]
+    compiled = subprocess.run([*to_driver, *defined, "-lm", "-o", partial], stderr=subprocess.PIPE, text=True)
+    if compiled.returncode:
+        raise NoEmulatorError(f"{compiler} does not compile the emulated GPU: {compiled.stderr.strip()}")
+    partial.rename(library)  # two processes at once make two, of which the last one stays
     return library
 
 
+def _own_folder(name: str) -> Path:
+    """Return a folder of the cache that no other user can have written to."""
+    caches = cache_folder("emulated_gpu")
+    if caches is None:
+        raise NoEmulatorError(f"the emulated GPU needs a folder to compile into: {VARIABLE} is empty, or HOME missing")
+    folder = caches.absolute() / name
+    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    if folder.stat().st_uid != os.getuid():
+        raise NoEmulatorError(f"the emulated GPU runs nothing from another user's folder: {folder}")
+    return folder
+
+
+def _in_c(text: str) -> str:
+    """Return a text as C writes it, which JSON does as well."""
+    return json.dumps(text, ensure_ascii=False)
+
+
 if __name__ == "__main__":
+    if len(sys.argv) < 2:
+        sys.exit("usage: python tests/emulated_gpu/emulator.py COMMAND [ARGUMENT...]")
     try:
         os.execvpe(sys.argv[1], sys.argv[1:], environment())
-    except NoEmulatorError as error:
+    except (NoEmulatorError, OSError) as error:
         sys.exit(f"error: {error}")

@@ -51,7 +51,7 @@ static inline u64 checked(Lane *lane, u64 address, u32 size) {
 }
 
 static inline u32 within(Lane *lane, u32 index, u32 count) {
-    if (index >= count) lane->fail("entry %u of a table of %u callables", index, count);
+    if (index >= count) lane->fail("entry %u of an array of %u", index, count);
     return index;
 }
 

@@ -346,4 +346,4 @@ if __name__ == "__main__":
     try:
         Path(sys.argv[2]).write_text(translate(Path(sys.argv[1]).read_text(encoding="utf-8")), encoding="utf-8")
     except Untranslatable as error:
-        sys.exit(f"emulated GPU: cannot run {error}: {sys.argv[1]}")
+        sys.exit(f"emulated GPU: cannot run {error}: {Path(sys.argv[1]).absolute()}")

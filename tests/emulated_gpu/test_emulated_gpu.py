@@ -23,12 +23,14 @@ ON_A_CARD = (
     "cloud/test_device_cloud.py::test_frames_of_a_run_are_each_their_own",
     "batch/test_dataset.py::test_a_sequence_is_that_of_render",
     "kernel/rays/test_nearby_bodies.py::test_one_kernel_asks_all_scenes",
+    "kernel/rays/test_onward.py::test_against_a_ray_tracer_of_planes",
+    "outputs/test_streams.py::test_no_chunk_is_kept[single]",
 )
 """Tests of what a card does in its own way: columns that stay there, frames that share a launch, labelled sequences,
-and one kernel that asks all scenes."""
+one kernel that asks all scenes, mirrors that rounding takes nothing from, and chunks whose columns are one array."""
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture
 def card(monkeypatch: pytest.MonkeyPatch) -> None:
     """Processes that a test starts have the emulated card."""
     try:
@@ -39,16 +41,21 @@ def card(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setenv(name, value)
 
 
+on_card = pytest.mark.usefixtures("card")
+
+
 def run(*arguments: str) -> "subprocess.CompletedProcess[str]":
     return subprocess.run([sys.executable, *arguments], capture_output=True, text=True)
 
 
+@on_card
 def test_frames_are_those_of_the_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
     """The trial that a real card passes before its first use: moving bodies, glass, fog and several rays."""
     monkeypatch.setenv(VARIABLE, "")
     assert trial.verdict("cuda_ad_mono", "llvm_ad_mono") == Verdict()
 
 
+@on_card
 def test_what_a_card_does_in_its_own_way() -> None:
     tests = run("-m", "pytest", "-n", "0", "-q", "-p", "no:cacheprovider", *(str(TESTS / name) for name in ON_A_CARD))
     assert_ended(tests, stdout=None)
@@ -75,6 +82,7 @@ ENTRY = """.entry drjit_1(.param .align 8 .b8 params[8]) {{
 """
 
 
+@on_card
 @pytest.mark.parametrize(
     ("statement", "told"),
     [
@@ -100,6 +108,7 @@ print(sum(scene.ray_intersect_preliminary(ray).t for scene in scenes))
 """
 
 
+@on_card
 @pytest.mark.parametrize(
     ("kinds", "line"),
     [
@@ -119,6 +128,38 @@ def test_what_is_no_instruction_of_dr_jit_is_told() -> None:
     for statement in ("wmma.mma.f32 %f1, %f2", "add.f16 %h1, %h2, %h3", "add.f32 %f1, %f2, here"):
         with pytest.raises(ptx.Untranslatable):
             ptx.translate(ENTRY.format(statement))
+
+
+@on_card
+def test_folders_have_any_name(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A kernel and the driver itself are compiled in a folder whose name means something to shells, C and printf."""
+    monkeypatch.setenv(VARIABLE, str(tmp_path / 'it\'s "100 %s", $HOME'))
+    monkeypatch.setenv("DRJIT_LIBCUDA_PATH", emulator.environment()["DRJIT_LIBCUDA_PATH"])
+    assert_ended(run("-c", ONE_LANE, ENTRY.format("ld.global.b32 %r1, [%rd0]")))
+    assert len(list(tmp_path.rglob("*.so"))) == 2
+
+
+@on_card
+def test_what_no_emulated_card_is_made_from_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """No cache, a folder of someone else, and a compiler that compiles nothing."""
+    monkeypatch.setenv(VARIABLE, "")
+    with pytest.raises(emulator.NoEmulatorError, match=f"{VARIABLE} is empty"):
+        emulator.environment()
+    monkeypatch.setenv(VARIABLE, str(tmp_path))
+    with monkeypatch.context() as other:
+        other.setattr("os.getuid", lambda: -1)
+        with pytest.raises(emulator.NoEmulatorError, match="another user's folder"):
+            emulator.environment()
+    (tmp_path / "cc").symlink_to("/bin/false")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(emulator.NoEmulatorError, match="cc does not compile"):
+        emulator.environment()
+
+
+@pytest.mark.parametrize(("arguments", "line"), [((), "usage: "), (("no-such-command",), "error: ")])
+def test_a_wrong_command_is_told_in_a_line(arguments: tuple[str, ...], line: str) -> None:
+    ended = run(emulator.__file__, *arguments)
+    assert (ended.returncode, ended.stderr[: len(line)], ended.stderr.count("\n")) == (1, line, 1)
 
 
 SHAPES = """
@@ -141,6 +182,7 @@ values = np.array([value.numpy() for value in values])
 """
 
 
+@on_card
 def test_spheres_and_textures_are_those_of_the_cpu(mi, tmp_path: Path) -> None:
     """A turned and stretched instance of a shape that no triangles make. Texels are mixed by weights of 8 bits: each of
     two is at most 1/512 off, of values between 0 and 1.

@@ -262,7 +262,7 @@ class GatheredBoxes:
         self._folder, self._scene, self._as_seen, self._with_ego = folder, scene, as_seen, with_ego
         self._tally: BoxTally | None = None
         self._spool: Spool | None = None
-        self._waiting: list[tuple[Numbers, Numbers, Numbers, Numbers, Numbers]] = []
+        self._waiting: list[list[Numbers]] = []
         self.points = 0
 
     def __enter__(self) -> GatheredBoxes:
@@ -310,7 +310,8 @@ class GatheredBoxes:
             self._tally.count_points(*points.columns)
             return
         if sum(len(piece[0]) for piece in self._waiting) + len(points) <= WAITING_POINTS and not len(self._spool):
-            self._waiting.append(points.columns)
+            # All columns that come from a GPU at once are views of one array, which would be kept whole.
+            self._waiting.append([column.copy() for column in points.columns])
             return
         xyz_m, *columns = points.columns
         names = [name for name, _ in _WAITING_COLUMNS]

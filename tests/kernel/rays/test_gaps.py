@@ -77,8 +77,8 @@ def test_layers_one_behind_the_other():
 def test_numbers_of_a_pulse_fill_the_unit_interval(rays):
     """The count below a level is off by a few of the rays at most, at each step and at two of them together.
 
-    These sequences were off by 3.3 and 5.2 at most over 4000 offsets at all levels here, in numpy; random numbers
-    would be off by up to 5 sigma = 2.5 sqrt(N), 20 of 64 rays.
+    These sequences are off by 3.3 and 6.0 at most, whatever the offsets: the counts change at 2 N of them at each step,
+    and all have been tried, in numpy. Random numbers would be off by up to 5 sigma = 2.5 sqrt(N), 20 of 64 rays.
     """
     pulses = 500
     lanes = transfer.counter(0, pulses * rays)
@@ -90,7 +90,7 @@ def test_numbers_of_a_pulse_fill_the_unit_interval(rays):
             # Over pulses the offsets are random: 5 sigma of the mean of 500 counts that spread by 1 at most.
             assert abs((numbers < level).sum(axis=1).mean() - level * rays) < 5.0 / math.sqrt(pulses)
         counts = ((steps[0] < level) & (steps[1] < level)).sum(axis=1)
-        assert np.abs(counts - level**2 * rays).max() <= 5.5
+        assert np.abs(counts - level**2 * rays).max() <= 6.5
     numbers = np.concatenate([step.ravel() for step in steps])
     assert 0.0 <= numbers.min() <= numbers.max() < 1.0
 

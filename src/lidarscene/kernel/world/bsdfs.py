@@ -33,6 +33,11 @@ from ..device.types import Bsdf, DeviceVector, Interaction
 RETRO_PLUGIN = "lidarscene_retroreflector"
 ROUGH_PLUGIN = "lidarscene_rough_diffuse"
 
+_PERFECT_INDEX = 3e9
+"""Accuracy bought: refractive index of a perfect mirror, which takes 7e-10 / cos(theta) of the light. Its fourth power
+is a float32. Mitsuba's own mirror, of n = 0 and k = 1, takes sqrt(x^2) - |x| for 0: where a GPU's `sqrt.approx` is one
+unit in the last place off, that is 5e-4 of the light."""
+
 
 class _Parameters(Protocol):
     """What Mitsuba hands to a BSDF that lists its parameters."""
@@ -176,18 +181,19 @@ def diffuse_throughput(coat: Bsdf) -> float:
 
 
 def _conductor(values: dict[str, Any]) -> dict[str, Any]:
-    inner = {"type": "roughconductor", "distribution": "ggx", "alpha": values["roughness"]}
-    if "index_n" in values:
-        return _two_sided(inner | {"eta": _spectrum(values["index_n"]), "k": _spectrum(values["index_k"])})
-    # Without an index: a perfect mirror's lobe, scaled by the reflectivity.
-    return _two_sided(inner | {"material": "none", "specular_reflectance": _spectrum(values["reflectivity"])})
+    return _metal(values, type="roughconductor", distribution="ggx", alpha=values["roughness"])
 
 
 def _mirror(values: dict[str, Any]) -> dict[str, Any]:
-    inner: dict[str, Any] = {"type": "conductor"}
+    return _metal(values, type="conductor")
+
+
+def _metal(values: dict[str, Any], **lobe: object) -> dict[str, Any]:
     if "index_n" in values:
-        return _two_sided(inner | {"eta": _spectrum(values["index_n"]), "k": _spectrum(values["index_k"])})
-    return _two_sided(inner | {"material": "none", "specular_reflectance": _spectrum(values["reflectivity"])})
+        return _two_sided(lobe | {"eta": _spectrum(values["index_n"]), "k": _spectrum(values["index_k"])})
+    # Without an index: a perfect mirror's lobe, scaled by the reflectivity.
+    perfect = {"eta": _spectrum(_PERFECT_INDEX), "k": _spectrum(0.0)}
+    return _two_sided(lobe | perfect | {"specular_reflectance": _spectrum(values["reflectivity"])})
 
 
 def _glass(values: dict[str, Any]) -> dict[str, Any]:
