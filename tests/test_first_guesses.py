@@ -57,7 +57,16 @@ ANSWERS = {
     "lidarscene.load_sensor('apd-905', 'detector.gain=3')": r"at most 1 without a name \(sensor\), got 2",
     "lidarscene.budget(cloud)": r"budget\(\): must have cloud, scene, sensor; scene is missing",
     "lidarscene.render_sequence('range')": r"render_frames\(scene, sensor, frames=10\)",
-    "lidarscene.render('range', device='cpu')": "LIDARSCENE_VARIANT=llvm_ad_mono",
+    **dict.fromkeys(
+        (
+            "lidarscene.render('range', device='cpu')",
+            "lidarscene.Simulator('range', 'apd-905', device='cpu')",
+            "lidarscene.LiveSimulator('range', 'apd-905', gpu=True)",
+            "lidarscene.certify('os1.pcap', device='cpu')",
+            "lidarscene.fov('apd-905', gpu=1)",
+        ),
+        "LIDARSCENE_VARIANT=llvm_ad_mono",
+    ),
     "cloud.boxes('range', class_='car')": 'b.class_name == "car"',
     "lidarscene.Pose(position_m=(1, 2))": r"Pose.position_m must have shape \(3,\), got \(2,\)",
     "lidarscene.render('range', ['apd-905', 'sipm-905'])": "record takes a Rig of several",

@@ -109,6 +109,10 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     render nowhere/street.toml -o a.ply | its name, street
     render '' -o a.ply | empty | render | variable of the shell
     render wall.toml -o a.ply --sed 1 | --sed 1
+    render wall.toml -oa.ply -ob.ply | -o/--output | once
+    render wall.toml -o a.ply --seed 1 --seed=2 | --seed | once
+    render wall.toml -o a.ply --no-deskew --deskew | --deskew/--no-deskew | once
+    render wall.toml -o a.ply --frames 2 -- --frames | unrecognized arguments: -- --frames
     render wall.toml -o a.ply --verbose | --verbose | lidarscene render -h
     render wall.toml -o a.ply --colour | --colour | --colours?
     render wall.toml -o a.ply --sensors vlp-16 | --sensors vlp-16 | --sensor?
@@ -424,6 +428,7 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     twin none.pcap -o out --frames 0-4 | --frames | numbers with commas | 0-4
     twin none.pcap -o out --held-out half | --held-out | number of a frame | half
     twin one.pcap -o out --held-out 0 | --held-out 0 | a frame
+    twin one.pcap -o out --sensor vlp-16 | --sensor | 32 rings of the recording | 16 channels
     certify points.bin -o out | --metadata | --sensor NAME
     certify damaged.bin -o out | rows of 16 bytes
     certify points.bin --sensor vlp-16 --frame 4 -o out | frame | 0 to 0 | 4

@@ -99,6 +99,16 @@ def test_impossible_paths_say_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert names(tmp_path) == ["file", "pipe"]
 
 
+@pytest.mark.parametrize("check", [write, require_writable, lambda path: atomic_folder(path).__enter__()])
+def test_a_current_folder_that_is_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, check) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir("gone")
+    (tmp_path / "gone").rmdir()
+    with told("current folder | cd", OutputError):
+        check(Path("a.ply"))
+
+
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="no /proc")
 def test_folder_that_takes_no_files() -> None:
     """Rationale: root may write into any ordinary folder, but not even root into /proc."""

@@ -7,8 +7,9 @@ from pydantic import BaseModel
 
 from lidarscene import catalog
 from lidarscene.files.overrides import with_overrides
-from lidarscene.files.toml import read_toml, validate
+from lidarscene.files.toml import TABLES, read_toml, validate
 from lidarscene.scene.scene_file import scene_model
+from lidarscene.scene.tables import SceneFile
 from lidarscene.sensor.sensor_file import SensorFile
 
 
@@ -53,3 +54,12 @@ test_mistakes = calls(
         'a.toml scene_overrides bodies.w.scale=-2: | bodies[0 "w"].scale | > 0 | -2',
     ),
 )
+
+
+def test_keys_of_scenes_and_sensors_are_told_apart() -> None:
+    """Rationale: `files` imports no model, so that it has the keys once more."""
+    models = {"scene": SceneFile, "sensor": SensorFile}
+    shared = SceneFile.model_fields.keys() & SensorFile.model_fields.keys()
+    assert {kind: {*names} for kind, (_, names) in TABLES.items()} == {
+        kind: model.model_fields.keys() - shared for kind, model in models.items()
+    }

@@ -145,9 +145,11 @@ def run_stages(
         origin_m=transfer.opaque(tuple(float(x) for x in place.position_m - world.centre_m)),
         rotation=rotation,
     )
+    aimed = None
     if glints:
         shape = transfer.opaque(footprint(equipped.laser, 1))
-        tracing["firing"] = Firing(aim=aim(rays, shape, profile=equipped.laser.profile, rotation=rotation))
+        aimed = aim(rays, shape, profile=equipped.laser.profile, rotation=rotation)
+    tracing.setdefault("firing", Firing(seed=transfer.seed_word(seed), aim=aimed))
     sun = transfer.opaque(tuple(float(x) for x in described.sun.direction))
     ways = trace(world, rays, sun=sun, **tracing)
     ambient = transfer.opaque(ambient_of(described, equipped))

@@ -10,6 +10,7 @@ import math
 import pkgutil
 import re
 import tomllib
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from functools import cache
 from typing import Any
@@ -67,7 +68,7 @@ from lidarscene.studies.eye_safety.eye_safety_report import eye_safety_report
 from lidarscene.studies.fit import recorded_pulses
 from lidarscene.studies.fit import tuning as fit_tuning
 from lidarscene.studies.fit.on_scene import pulses_on_scene
-from lidarscene.studies.held import LIMITS
+from lidarscene.studies.held import LIMITS, Held
 from lidarscene.studies.paper import case
 from lidarscene.studies.paper import numbers as paper
 from lidarscene.studies.paper.case import (
@@ -616,10 +617,22 @@ def nearest_seen_m(name: str) -> float:
     return float(between_m / (seen.spot.half_divergence_rad + seen.field_rad))
 
 
+@cache
+def published_ranges() -> list[tuple[float, Held]]:
+    """All published ranges, after the error of each, which is simulated over published minus one."""
+    rows = [row for sensor in catalog.names("sensors") for row in published_values.compare_ranges(sensor)]
+    return [(row.value, row) for row in rows if row.value is not None]
+
+
+def single_range_errors() -> dict[str, float]:
+    """Errors of the ranges that are the only one of their sensor."""
+    count = Counter(row.subject for _, row in published_ranges())
+    return {row.subject: error for error, row in published_ranges() if count[row.subject] == 1}
+
+
 def range_errors(name: str, reflectivity_percent: int) -> tuple[float, float]:
     """The least and the largest error of all published ranges, which are those of this sensor and target."""
-    rows = [row for sensor in catalog.names("sensors") for row in published_values.compare_ranges(sensor)]
-    errors = {row.value: row for row in rows if row.value is not None}
+    errors = dict(published_ranges())
     farthest = [errors[end] for end in (min(errors), max(errors))]
     assert (name, f"{reflectivity_percent}%") in [(row.subject, row.condition[:3]) for row in farthest]
     return min(errors), max(errors)

@@ -297,6 +297,7 @@ test_calls = calls(
     (lambda: load_scene("scenes/none/car.toml"), "no such file | its name, car"),
     (lambda: load_scene("kar"), "scene 'kar' | car"),
     (lambda: load_scene("car", overrides={"laser.x": 1}), "'laser' | sensor | render | by overrides"),
+    (lambda: load_scene("car", overrides={"wear.x": 1}), "'wear' | sensor | render | by overrides"),
     (lambda: load_scene("car", option=1, scene_overrides="a.b=1"), "option | car.toml"),
     (lambda: load_scene("out/kar"), "out/kar | no such file"),
     (lambda: load_rig("rig", overrides=["rear:a.b=1"]), "overrides rear:a.b=1 | 'rear' | roof"),

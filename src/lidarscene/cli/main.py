@@ -86,12 +86,33 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 130
 
 
+class _Once(argparse.Action):
+    """Action of an argument that is given once: of two values one would be lost in silence."""
+
+    def __call__(self, parser: Any, *arguments: Any) -> None:
+        if self in parser.given:
+            raise argparse.ArgumentError(self, "must be given once")
+        parser.given.add(self)
+        super().__call__(parser, *arguments)
+
+
+class _StoreOnce(_Once, argparse._StoreAction):
+    """Action `store` of an option that is given once."""
+
+
+class _SwitchOnce(_Once, argparse.BooleanOptionalAction):
+    """Switch with a --no- that is given once."""
+
+
 class _Parser(argparse.ArgumentParser):
     """Parser that reports a mistake as InputError, in one line."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(allow_abbrev=False, **options)
-        self.option_first, self.words = "", list[str]()
+        self.option_first, self.words, self.given = "", list[str](), set[argparse.Action]()
+        for name in (None, "store"):
+            self.register("action", name, _StoreOnce)
+        self.register("action", argparse.BooleanOptionalAction, _SwitchOnce)
 
     def parse_known_args(self, *arguments: Any, **options: Any) -> Any:
         """Report unknown arguments by the command's own parser, which can suggest its own options."""
@@ -99,11 +120,7 @@ class _Parser(argparse.ArgumentParser):
         first = words[0] if words else ""
         self.words = list(words)
         self.option_first = first if first.startswith("--") and self._subparsers is not None else ""
-        named = [word.partition("=")[0] for word in words]
-        given = [self._option_string_actions[word] for word in named if word in self._option_string_actions]
-        for action in given:
-            if isinstance(action, argparse._StoreAction) and given.count(action) > 1:
-                self.error(f"argument {'/'.join(action.option_strings)}: must be given once")
+        self.given.clear()
         parsed, unknown = super().parse_known_args(*arguments, **options)
         if unknown:
             self.error(f"unrecognized arguments: {' '.join(unknown)}{self._suggestion(unknown[0])}")

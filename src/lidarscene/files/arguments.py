@@ -37,10 +37,6 @@ FOREIGN_KEYWORDS: Mapping[str, Mapping[str, str]] = {
     "rays": dict.fromkeys(("seed", "number", "begin_s"), "a frame has it: simulator.render(seed=1)"),
     "seed": dict.fromkeys(("rng", "random_state", "random_seed"), "the seed is seed=N"),
     "begin_s": dict.fromkeys(("time", "t", "start"), "a frame begins at begin_s=1.0"),
-    "chunk": dict.fromkeys(
-        ("device", "gpu", "cuda", "cpu", "backend", "variant", "use_gpu"),
-        "a GPU is used where there is one; the environment variable LIDARSCENE_VARIANT=llvm_ad_mono chooses the CPU",
-    ),
     "overrides": dict.fromkeys(
         ("set", "settings", "params", "parameters", "config"),
         'values of the sensor file go in overrides={"laser.peak_power_w": 50}',
@@ -99,8 +95,12 @@ FOREIGN_KEYWORDS: Mapping[str, Mapping[str, str]] = {
         ("class_", "class_name", "name", "label"), 'boxes have names: [b for b in boxes if b.class_name == "car"]'
     ),
     "PointCloud.to_torch": dict.fromkeys(("device", "dtype"), "a tensor is moved by tensor.to(...)"),
+    "": dict.fromkeys(
+        ("device", "gpu", "cuda", "cpu", "backend", "variant", "use_gpu"),
+        "a GPU is used where there is one; the environment variable LIDARSCENE_VARIANT=llvm_ad_mono chooses the CPU",
+    ),
 }
-"""Keywords that people try, with what does it, of calls with this option or of this name."""
+"""Keywords that people try, with what does it, of calls with this option or of this name; with "" of all calls."""
 
 _MOST_ELEMENTS = 1000
 """Elements of a sequence that are looked at, each: of what is longer, only whether it is a sequence."""
@@ -160,7 +160,7 @@ def unknown_option(word: str, options: Collection[str], *, meant: str = "", call
     """
     foreign: dict[str, str] = {}
     for key, words in FOREIGN_KEYWORDS.items():
-        if key in options or key == call:
+        if key in ("", call, *options):
             foreign = {**words, **foreign}
     slip = did_you_mean(word, options, cutoff=0.8)
     text = foreign.get(word) or ("" if slip else meant or meant_by_a_part(word, foreign))

@@ -216,7 +216,7 @@ def _followed(path: str | os.PathLike[str]) -> Path:
     for place in (Path(path), *Path(path).parents):
         if place.is_symlink() and not (end := Path(os.path.realpath(place))).parent.exists():
             raise OutputError(f"{path}: cannot be written: '{place}' is a link to '{end}', whose folder is not there")
-    return Path(os.path.realpath(path if os.path.isabs(path) else current_folder() / path))
+    return Path(os.path.realpath(path if os.path.isabs(path) else current_folder(OutputError) / path))
 
 
 def _obstacle(target: Path) -> str:

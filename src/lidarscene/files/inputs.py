@@ -15,7 +15,7 @@ import zipfile
 from pathlib import Path
 from typing import IO
 
-from ..errors import InputError
+from ..errors import InputError, LidarSceneError
 
 LARGEST_TEXT = 1 << 26
 """Bytes of a text file that is read whole, 64 MiB: a thousand times a scene of 400 bodies."""
@@ -62,16 +62,16 @@ def require_file(path: str | os.PathLike[str], kind: str = "a file", *, largest:
         )
 
 
-def current_folder() -> Path:
+def current_folder(refusal: type[LidarSceneError] = InputError) -> Path:
     """Folder that this process is in.
 
     Raises:
-        InputError: if it is gone
+        InputError: if it is gone; writers ask for an OutputError
     """
     try:
         return Path.cwd()
     except OSError as error:
-        raise InputError(f"the current folder cannot be read ({error.strerror}); try: cd to another one") from None
+        raise refusal(f"the current folder cannot be read ({error.strerror}); try: cd to another one") from None
 
 
 def read_file(path: str | os.PathLike[str], kind: str, *, largest: int) -> bytes:

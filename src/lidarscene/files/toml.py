@@ -150,20 +150,20 @@ def _other_kind_hint(model: type[BaseModel], tables: Mapping[str, Any]) -> str:
 
 
 TABLES = {
-    "scene": (
-        "scene_overrides",
-        ("sun", "sky", "air", "weather", "interference", "ego", "sensor", "picture", "materials", "bodies"),
-    ),
-    "sensor": (
-        "overrides",
-        ("laser", "optics", "scanner", "detector", "receiver", "tdc", "sampler", "histogram", "mounting"),
-    ),
-}
-"""Option of a render that changes a scene or a sensor, and tables that it has."""
+    "scene": ("scene_overrides", (
+        "extends", "without", "base", "base_materials", "sun", "sky", "air", "weather", "interference", "reach_m",
+        "ground", "street", "ego", "sensor", "picture", "materials", "bodies",
+    )),
+    "sensor": ("overrides", (
+        "laser", "optics", "scanner", "detector", "tdc", "receiver", "histogram", "sampler", "mounting", "imu", "wear",
+        "power", "intensity", "driver", "published", "sources", "uncertainty",
+    )),
+}  # fmt: skip
+"""Option of a render that changes a scene or a sensor, and the top keys that its file has and the other's lacks."""
 
 
 def _owner_of(table: str, model: type[BaseModel]) -> str:
-    """Key of `TABLES` of a table that this model lacks; "" of any other."""
+    """Key of `TABLES` of a top key that this model lacks; "" of any other."""
     owners = [owner for owner, (_, names) in TABLES.items() if table in names]
     return owners[0] if owners and table not in model.model_fields else ""
 

@@ -54,11 +54,12 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
     if target.suffix != ".toml":
         raise InputError(f"{path}: the name of a scene file must end in .toml")
     meshes: dict[str, str] = {}
-    tables = saved_tables(scene, target, meshes)
-    validate(SceneFile, tables, str(path))
     with ExitStack() as outputs:
         # The scene file gets its name last: what it names is there by then.
-        outputs.enter_context(atomic_output(target)).write_text(scene_text(tables), encoding="utf-8", newline="\n")
+        temporary = outputs.enter_context(atomic_output(target))
+        tables = saved_tables(scene, target, meshes)
+        validate(SceneFile, tables, str(path))
+        temporary.write_text(scene_text(tables), encoding="utf-8", newline="\n")
         for name, text in meshes.items():
             outputs.enter_context(atomic_output(target.parent / name)).write_text(text, encoding="utf-8", newline="\n")
 

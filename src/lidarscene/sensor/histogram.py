@@ -27,9 +27,10 @@ SHORTEST_DEAD_TIME = 1.0
 MOST_COLUMNS = 16
 """Most columns that share their noise: each two are a random number of the kernel."""
 
-LEAST_OF_MEAN = 0.18
-"""Source: recordings of an OS0-32 and an OS1-32 (docs/recorded.md); least noise of a mean of many columns over that of
-one: 1/6 and 1/4 for returns of 14 to 23 photons. 0.18 are 31 columns."""
+LEAST_REST = 0.18
+"""Source: recording of an OS0-32 (docs/recorded.md): the rest about a parabola over nine columns, over that of strong
+returns, is 1/6 for returns of 23 photons. It is no noise of a mean: the parabola takes out the waves along
+many columns."""
 
 _TEMPLATE_REACH = 3.0
 """Accuracy bought: reach of the template to either side, in sigmas of the pulse."""
@@ -135,8 +136,8 @@ class Histogram(HintedAttributes):
             ge=1,
             le=1e6,
             about=(
-                "photons n up to which a point takes more columns into the mean of its range: (n / S)^2 for a return "
-                "of S, 31 at most; with `column_weights`"
+                "photons n below which columns share more: the noise of the range over that of a point's own light is "
+                "S / n for a return of S, 0.18 at least; with `column_weights`"
             ),
         ),
     ] = None
@@ -152,11 +153,14 @@ class Histogram(HintedAttributes):
         )
 
     def noise_left(self, signal: Lanes) -> Lanes:
-        """Return the noise of the range of an echo of ``signal`` photons, over that of its own column (T176b)."""
+        """Return the noise of the range of an echo of ``signal`` photons, over that of its own light (T176b).
+
+        It is the size of the rest about a parabola over nine columns, as recordings show it.
+        """
         if self.column_photons is None:
             return 1.0
         ops = xp(signal, self.column_photons)
-        return ops.minimum(ops.maximum(signal / self.column_photons, LEAST_OF_MEAN), 1.0)
+        return ops.minimum(ops.maximum(signal / self.column_photons, LEAST_REST), 1.0)
 
     @property
     def neighbours(self) -> bool:

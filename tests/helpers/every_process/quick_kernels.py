@@ -5,8 +5,8 @@ of that. What a kernel computes is the same: neither LLVM nor Dr.Jit reorders fl
 hold for both. The commands of the wheel in `tools/environments.py`, and its part of the tests with the lowest releases,
 compile as users do.
 
-Dr.Jit finds a kernel on disk by what it computes. So these have a folder of their own: whoever renders or measures
-after the tests would get them else: a frame of os1-128 took an eighth longer.
+Dr.Jit finds a kernel on disk by what it computes. So these have a folder of their own. Otherwise whoever renders or
+measures after the tests would get them; a frame of os1-128 took an eighth longer.
 
 LLVM has no switch for this in Dr.Jit: its own options are those of its tool `opt`.
 """

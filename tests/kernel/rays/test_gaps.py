@@ -9,6 +9,7 @@ from helpers import chain, launches
 from lidarscene.kernel.device import transfer
 from lidarscene.kernel.rays.gaps import Draws
 from lidarscene.materials.material import Material, Spectrum
+from lidarscene.materials.material_file import catalogue_material
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.scene import Sun
 
@@ -76,8 +77,8 @@ def test_layers_one_behind_the_other():
 def test_numbers_of_a_pulse_fill_the_unit_interval(rays):
     """The count below a level is off by a few of the rays at most, at each step and at two of them together.
 
-    These sequences were off by 3.3 and 5.2 at most over 4000 offsets at all levels here, in numpy; random numbers
-    would be off by up to 5 sigma = 2.5 sqrt(N), 20 of 64 rays.
+    These sequences are off by 3.3 and 6.0 at most, whatever the offsets: the counts change at 2 N of them at each step,
+    and all have been tried, in numpy. Random numbers would be off by up to 5 sigma = 2.5 sqrt(N), 20 of 64 rays.
     """
     pulses = 500
     lanes = transfer.counter(0, pulses * rays)
@@ -89,7 +90,7 @@ def test_numbers_of_a_pulse_fill_the_unit_interval(rays):
             # Over pulses the offsets are random: 5 sigma of the mean of 500 counts that spread by 1 at most.
             assert abs((numbers < level).sum(axis=1).mean() - level * rays) < 5.0 / math.sqrt(pulses)
         counts = ((steps[0] < level) & (steps[1] < level)).sum(axis=1)
-        assert np.abs(counts - level**2 * rays).max() <= 5.5
+        assert np.abs(counts - level**2 * rays).max() <= 6.5
     numbers = np.concatenate([step.ravel() for step in steps])
     assert 0.0 <= numbers.min() <= numbers.max() < 1.0
 
@@ -210,18 +211,54 @@ def test_depths_behind_a_porous_surface_follow_beer_and_lambert(free_path_m):
     np.testing.assert_allclose(lanes.hits.range_m[behind], (front.hits.range_m + room_m)[behind], rtol=1e-6)
 
 
-def test_a_free_path_scatters_ranges_by_itself_and_leaves_other_surfaces_alone():
-    """The deviation of an exponential law is its mean, to five standard errors; 1.41 / sqrt(n) for its kurtosis of 9.
+@pytest.mark.parametrize("next_one", ["tinted_glass", "fence", "crown"])
+def test_no_leaves_behind_the_next_surface(next_one):
+    """A crown ends at a pane, fence or crown 0.1 m behind its front, which its deeper rays meet as if alone."""
+    tinted, seed = catalogue_material("tinted_glass"), int(np.random.default_rng(9).integers(2**31))
+    materials, beyond = (crown(0.5), fence(), tinted), (layer(10.1, next_one), layer(20.0, "grey"))
+    lanes = trace_bodies(layer(10.0, "crown"), *beyond, materials=materials, seed=seed)
+    x_m = lanes.hits.range_m * lanes.direction[:, 0]
+    in_crown = lanes.hits.interactions == 0
+    most_m = 0.1 / lanes.direction[:, 0]
+    assert agrees_with_share(in_crown.sum(), len(x_m), -np.expm1(-most_m / 0.5).mean())
+    assert x_m[in_crown].max() < 10.1 <= x_m[~in_crown].min() + 1e-5
+    if next_one == "tinted_glass":
+        alone = trace_bodies(*beyond, materials=materials)
+        np.testing.assert_allclose(x_m[~in_crown], 20.0, rtol=1e-6)
+        np.testing.assert_allclose(lanes.hits.throughput[~in_crown], alone.hits.throughput[~in_crown], rtol=1e-6)
+    else:
+        cover = COVER if next_one == "fence" else 0.98
+        assert agrees_with_share((lanes.hits.interactions == 1).sum(), (~in_crown).sum(), cover)
 
-    Worlds without a free path have the hits that they had: the fence beside it has them to the last bit.
-    """
+
+def test_a_free_path_scatters_ranges_by_itself():
+    """The deviation of an exponential law is its mean, to five standard errors: 1.41 / sqrt(n) by its kurtosis, 9."""
     lanes = trace_bodies(layer(10.0, "crown"), materials=(crown(0.2, cover=1.0 - 1e-6),))
     front = trace_bodies(layer(10.0, "crown"), materials=(fence(1.0, "crown"),))
-    depth_m = lanes.hits.range_m - front.hits.range_m
+    depth_m = (lanes.hits.range_m - front.hits.range_m)[lanes.hits.has_surface]
+    assert len(depth_m) > 6500
     for value in (np.mean(depth_m), np.std(depth_m)):
         assert value == pytest.approx(0.2, rel=5.0 * 1.42 / math.sqrt(len(depth_m)))
-    both, alone = (
-        trace_bodies(layer(10.0), layer(20.0, "grey"), materials=materials)
-        for materials in ((fence(), crown(0.2)), (fence(),))
+
+
+@pytest.mark.parametrize("behind_m", [0.0, 10.0])
+def test_a_free_path_leaves_other_surfaces_alone(behind_m):
+    """The fence beside a crown has the hits, to the last bit, that it has beside a crown without depth: those of a
+    fence that lies on what is behind it, too.
+    """
+    bodies = (
+        chain.facing(range_m=10.0, size_m=4.0, at=(0.0, 2.0, 0.0), material="fence"),
+        chain.facing(range_m=10.0, size_m=4.0, at=(0.0, -2.0, 0.0), material="crown"),
+        chain.facing(range_m=10.0 + behind_m, size_m=8.0),
     )
-    np.testing.assert_array_equal(both.hits.range_m, alone.hits.range_m)
+    seed = int(np.random.default_rng(8).integers(2**31))
+    deep, flat = (
+        trace_bodies(*bodies, materials=(fence(), other), seed=seed) for other in (crown(0.2), fence(0.98, "crown"))
+    )
+    at_fence = flat.direction[:, 1] > 0.0
+    for name in ("range_m", "interactions", "backscatter_per_sr"):
+        ours, reference = (np.broadcast_to(getattr(lanes.hits, name), at_fence.shape) for lanes in (deep, flat))
+        np.testing.assert_array_equal(ours[at_fence], reference[at_fence])
+    near = flat.hits.interactions == 0
+    assert agrees_with_share(near[at_fence].sum(), at_fence.sum(), COVER)
+    assert np.any(deep.hits.range_m[near] > flat.hits.range_m[near]) == (behind_m > 0.0)

@@ -199,7 +199,7 @@ def test_worlds_of_other_simulators_compile_nothing() -> None:
 
 
 def test_one_kernel_asks_all_scenes() -> None:
-    """On a GPU (`emulated_gpu` runs this there), where a scene with a pipeline of its own needs kernels of its own."""
+    """Scenes that do not share a pipeline need kernels of their own on a GPU, where `emulated_gpu` runs this, too."""
     simulator = Simulator(load_scene("drive"), chain.sensor("table1-apd", *SENSOR))
     with launches.launched() as kernels:
         cloud = simulator.render(seed=1)

@@ -106,7 +106,7 @@ def deviations(text: str, recorded: PixelsAtRest, truth: dict[str, float]) -> di
 
 
 def test_the_numbers_of_an_apd_are_found_again() -> None:
-    """Of five numbers that are up to 50 % off in the catalogue one is beyond 3.5 sigma in one of 400 draws.
+    """Five numbers that are up to 50 % off in the catalogue: one is beyond 3.5 sigma in one of 400 draws.
 
     Rationale: beams that miss their directions scatter ranges on slopes; a fit without them took the beam for wider.
     """

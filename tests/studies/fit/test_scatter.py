@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lidarscene.maths.arrays import Numbers
+from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.studies.fit import scatter, tuning
 from lidarscene.studies.fit.estimates import Solution
 from lidarscene.studies.fit.recorded_pulses import RecordedPulses
@@ -118,6 +119,26 @@ def test_noise_that_columns_share_does_not_make_the_scatter_small(shared: tuple[
     assert c.fisher < 12.0  # its misfit is drawn
     assert c.value == pytest.approx(200.0 * (0.98 if shared else 1.0), abs=4.0 * c.sigma)
     assert (fit.correlation > 1.25) is bool(shared)
+
+
+def test_weak_returns_that_columns_share_are_not_fitted() -> None:
+    """Columns of 120, 300 and 2400 photons, c = 200 mm; those below 150 scatter by 0.8 of that (T176b).
+
+    Rationale: the fit of an OS0-32 took them for single columns, and halved its pulse. Four sigma: 1 in 16 000.
+    """
+    rng, histogram = np.random.default_rng(5), load_sensor("os0-128").histogram
+    assert histogram is not None
+    rows, columns = 32, 3000
+    signal = np.array([120.0, 300.0, 2400.0])[np.arange(columns) // 50 % 3] * np.ones((rows, 1))
+    sigma_m = 0.2 / np.sqrt(signal) * histogram.noise_left(signal)
+    range_m = 10.0 + np.arange(rows)[:, None] / 3.0 + sigma_m * rng.standard_normal((rows, columns))
+    pulses = pulses_of_rings(*zip(range_m, signal, strict=True))
+    fit, of_all = fit_scatter(pulses, histogram), fit_scatter(pulses)
+    assert fit is not None
+    assert of_all is not None
+    assert fit.fitted[0, 0] > 150.0 > of_all.fitted[0, 0]
+    assert fit.estimates[0].value == pytest.approx(200.0, abs=4.0 * fit.estimates[0].sigma)
+    assert of_all.solved.misfit > 4.0 > fit.solved.misfit
 
 
 def test_scatter_in_millimetres_and_its_law() -> None:

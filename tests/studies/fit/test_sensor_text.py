@@ -1,6 +1,7 @@
 """The written file, read again: its equations give what was found."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -65,6 +66,15 @@ def test_a_scatter_that_contradicts_the_file_is_blended_with_it() -> None:
     text, notes = fit_text(TEXT, estimate("scatter_c", 120.0 * unit, 42.0 / 120.0))
     assert scatter_c_mm(parse_sensor(text, "after")) == pytest.approx(185.0 * unit)
     assert any("scatter_c" in note for note in notes)
+
+
+@pytest.mark.parametrize(("misfit", "is_written"), [(1.9, True), (2.1, False)])
+def test_no_pulse_is_written_from_a_law_that_misses_its_bins(misfit: float, is_written: bool) -> None:
+    before = parse_sensor(TEXT, "before")
+    found = replace(estimate("scatter_c", 0.5 * scatter_c_mm(before)), misfit=misfit)
+    text, notes = fit_text(TEXT, found)
+    assert (parse_sensor(text, "after").laser.pulse_fwhm_s != before.laser.pulse_fwhm_s) is is_written
+    assert any("misses its bins by 2.1 times their sigmas" in note for note in notes) is not is_written
 
 
 @pytest.mark.parametrize(("sigma", "is_written"), [(0.29, True), (0.31, False)])

@@ -8,6 +8,7 @@ from helpers.twins import room_sweep
 
 from lidarscene.maths.arrays import Numbers
 from lidarscene.physics.photon_counting import shared_shots
+from lidarscene.sensor.histogram import LEAST_REST
 from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.studies.fit.products import scatter_c_mm
 from lidarscene.studies.twin import reading_noise
@@ -122,7 +123,8 @@ def test_noise_that_grows_with_the_lean_along_the_row_leaves_the_surface() -> No
     grid = align_columns(room_sweep())
     planes = fit_planes(grid)
     level_m = np.full(grid.sweep.shape, 3e-3)
-    noise = reading_noise._noise_on_planes(level_m, sensor, grid, planes)
+    apparent = np.full(level_m.shape, 0.3)
+    noise = reading_noise._noise_on_planes(level_m, apparent, sensor, grid, planes)
     x, y, _ = np.moveaxis(grid.sweep.direction * grid.sweep.range_m[..., None], -1, 0)
     across = planes.has_plane & (np.abs(np.abs(x) - 10.0) < 1e-6)
     lean = np.abs(y / x)
@@ -132,4 +134,8 @@ def test_noise_that_grows_with_the_lean_along_the_row_leaves_the_surface() -> No
     middle = across & (lean < 0.7) & (np.abs(planes.normal[..., 0]) > 0.9999)
     np.testing.assert_allclose(noise[middle], expected[middle], rtol=0.05)
     assert expected[middle].max() > 1.2 * 3e-3
-    assert reading_noise._noise_on_planes(level_m, load_sensor("os0-128"), grid, planes) is level_m
+    assert reading_noise._noise_on_planes(level_m, apparent, load_sensor("os0-128"), grid, planes) is level_m
+    # Weak returns have less noise, but columns count less by that of their own light.
+    weak = load_sensor("os0-128-rev7", overrides=["histogram.column_photons=1e6"])
+    left = reading_noise._noise_on_planes(LEAST_REST * level_m, apparent, weak, grid, planes)
+    np.testing.assert_allclose(left[planes.has_plane], LEAST_REST * noise[planes.has_plane], rtol=1e-9)

@@ -97,7 +97,7 @@ def test_the_sensor_stands_where_the_held_out_frame_was_recorded(tmp_path: Path)
         for sweep, pose, at_s in zip(sweeps, (start, start @ moved), (100.0, 100.1), strict=True)
     ]
     recording = recording_of(tmp_path / "two.osf", *frames)
-    build_twin(recording, choose_frames(recording, None, 1), tmp_path / "twin", sensor="vlp-16")
+    build_twin(recording, choose_frames(recording, None, 1), tmp_path / "twin", sensor="os1-128")
     scene = load_scene(tmp_path / "twin" / "scene.toml")
     assert np.allclose(scene.sensor_pose.position_m, moved.position_m, atol=1e-5)
     assert np.allclose(scene.sensor_pose.rotation, moved.rotation, atol=1e-6)
@@ -212,7 +212,7 @@ def test_quads_of_several_frames_are_where_each_frame_saw_them(tmp_path: Path, m
     frames = [room_sweep() for _ in poses]
     frames = [replace(frame, pose=poses[k], start_s=50.0 + k) for k, frame in enumerate(frames)]
     recording = recording_of(tmp_path / "three.osf", *frames)
-    build_twin(recording, TwinFrames(frames=(0, 1, 2)), tmp_path / "twin", sensor="vlp-16")
+    build_twin(recording, TwinFrames(frames=(0, 1, 2)), tmp_path / "twin", sensor="os1-128")
     scene = load_scene(tmp_path / "twin" / "scene.toml")
     assert scene.sun.illuminance_klux == 20.0
     (body,) = scene.bodies

@@ -102,10 +102,10 @@ def stopped(moment: Moment, path: BeamPath, pane: Meeting, behind_m: Lanes) -> t
     """Return whether paths end at a surface that lets others through, and where: a porous one, where there is no gap.
 
     Behind a surface with a free path l the same number u, of which the rays with u < 1 - c pass, gives the depth
-    -l ln(u): that of Beer and Lambert's law, up to the depth at which the share 1 - c is left.
+    -l ln(u): that of Beer and Lambert's law, up to the depth at which the share 1 - c is left, or to the next surface.
 
     Args:
-        behind_m: from the ray's start to what stands behind, at which no depth counts
+        behind_m: from the ray's start to the opaque surface behind
     """
     import drjit as dr
 
@@ -119,7 +119,10 @@ def stopped(moment: Moment, path: BeamPath, pane: Meeting, behind_m: Lanes) -> t
     number = dr.reinterpret_array(mitsuba().UInt32, pane.surface.shape)
     free_path_m = dr.gather(mitsuba().Float, moment.speculars.free_path_m, number, porous)
     depth_m = -free_path_m * dr.log(dr.maximum(draw, LEAST_DRAW))
-    return ends & (pane.t + depth_m < behind_m), dataclasses.replace(pane, t=pane.t + depth_m)
+    deep, step_m = ends & (free_path_m > 0.0), _step_m(pane.surface.wi.z)
+    inside = mitsuba().Ray3f(path.ray(pane.t + step_m), path.ray.d)
+    passes = deep & ((pane.t + depth_m >= behind_m) | moment.glazed(inside, deep, dr.maximum(depth_m - step_m, 0.0)))
+    return ends & ~passes, dataclasses.replace(pane, t=pane.t + depth_m)
 
 
 def continued(moment: Moment, path: BeamPath, meeting: Meeting, active: Mask, *, reflected: bool) -> BeamPath:
@@ -137,6 +140,13 @@ def continued(moment: Moment, path: BeamPath, meeting: Meeting, active: Mask, *,
     return xp(path.interactions).where_any(active, beyond, path)
 
 
+def _step_m(cosine: Array) -> Any:
+    """Way to the start of the next ray: `START_OFFSET_M` is across the surface, so that along the ray it is longer."""
+    import drjit as dr
+
+    return START_OFFSET_M / dr.maximum(dr.abs(cosine), _LEAST_COSINE)
+
+
 def _beyond(moment: Moment, path: BeamPath, meeting: Meeting, active: Mask, *, reflected: bool) -> BeamPath:
     """Return `continued` for rays of which all go on."""
     import drjit as dr
@@ -144,9 +154,8 @@ def _beyond(moment: Moment, path: BeamPath, meeting: Meeting, active: Mask, *, r
     mi = mitsuba()
     kind = kind_of(moment, meeting)
     direction, share = _lobe(moment, meeting, kind, active, reflected=reflected)
-    # The offset is measured across the surface, so along the ray it is longer by 1 / cos. The ray starts on the far
-    # side of a pane, or on the near side of a mirror: along its own new direction in both cases.
-    step = START_OFFSET_M / xp(share).maximum(dr.abs(direction.z), _LEAST_COSINE)
+    # The ray starts on the far side of a pane, or on the near side of a mirror: along its own new direction.
+    step = _step_m(direction.z)
     # The interaction's "world" is the frame of the body that was met; from there to the traced frame.
     out = dr.normalize(meeting.direction_outside(meeting.surface.to_world(direction)))
     # A mirror that moves by v changes the path's length by v . (d_in - d_out) per second. At a pane both directions
@@ -206,7 +215,7 @@ def _lobe(moment: Moment, meeting: Meeting, kind: Array, active: Mask, *, reflec
     speculars = moment.speculars
     context = mi.BSDFContext()
     direction, share = mi.Vector3f(0.0, 0.0, 1.0), mi.Float(0.0)
-    # Through a gap: straight on, with all of the light (the ray was drawn, `is_stopped`).
+    # Through a gap: straight on, with all of the light (the ray was drawn, `stopped`).
     if speculars.gaps and not reflected:
         porous = speculars.is_porous(kind)
         direction, share = dr.select(porous, -meeting.surface.wi, direction), dr.select(porous, 1.0, share)

@@ -38,6 +38,7 @@ from .estimates import MOST_EVALUATIONS, Estimate, Solution, huber_weight
 from .near_field import LEAST_BINS
 from .pixels_at_rest import PixelsAtRest
 from .published_fit import POWER
+from .scatter import is_strong
 from .sensor_text import at_rest_changes, get_key, parse_sensor, put_changes
 from .tuning import (
     BOARD_ERROR,
@@ -51,7 +52,6 @@ from .tuning import (
     LIGHT_BOUNDS,
     LOG_STEP,
     MOST_KEPT,
-    PATCH_SIGNAL,
     PIXELS_OF_BIN,
     READINGS,
     REST_BOUNDS,
@@ -411,7 +411,7 @@ def _columns(pixels: PixelsAtRest, text: str, where: str) -> Law:
     assert histogram is not None
     signal = np.nanmean(pixels.strength, axis=0)
     step_mm = 1e3 * np.abs(pixels.row_slope) * pixels.mean_m * float(histogram.column_rad) * np.sqrt(signal)
-    strong = signal >= PATCH_SIGNAL
+    strong = is_strong(signal, histogram)
     keys = 2.0 * np.log2(np.maximum(step_mm[strong], LEAST_STEP_MM))
     changes_mm = 1e3 * changes_m(pixels.range_m[:, strong]) * np.sqrt(signal[strong])
     members, recorded = _binned(pixels.select(strong), keys[None], changes_mm)

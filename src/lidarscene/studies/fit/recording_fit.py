@@ -253,7 +253,7 @@ def fit_pulses(
     fit = RecordingFit(
         near_field=fit_near_field(pulses, sensor),
         threshold=fit_threshold(pulses),
-        scatter=fit_scatter(pulses if sensor is None else with_photons(pulses, sensor)),
+        scatter=fit_scatter(pulses) if sensor is None else fit_scatter(with_photons(pulses, sensor), sensor.histogram),
         rows=fit_rows(pulses),
         at_rest=at_rest,
     )

@@ -3,7 +3,7 @@
 A patch is five pulses along a ring, every second column; the residuals about a parabola through them have two degrees
 of freedom. Columns of an Ouster share noise: on a static pair of frames with .59, .38, .26, .13, .07 and .03 at 1 to 6
 columns, so that such a patch reads 26 % low. Differences over 18 columns show by how much, and the squares are raised
-by that. Pulses below 100 photons, which it seems to filter over more columns (docs/recorded.md), are not used.
+by that. Weak pulses, whose noise columns share more (T176b), are not used.
 Surfaces must be smooth: a patch counts if the patches in the rows above and below are among the smoothest, since their
 noise is independent of its own. Patches far above the law are left out, and the truncated chi^2 distribution corrects
 for that.
@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...maths.arrays import Numbers
+from ...sensor.histogram import Histogram
 from .estimates import Estimate, Solution, misfit_factor
 from .recorded_pulses import RecordedPulses
 from .tuning import PATCH_SIGNAL, PATCH_SIGNAL_RATIO, PATCH_SQUARE, SMOOTH_SHARE
@@ -78,16 +79,26 @@ class Scatter:
         )
 
 
-def fit_scatter(pulses: RecordedPulses) -> Scatter | None:
-    """Fit the scatter of the range to a recording; None without SIGNAL, or with too few patches."""
+def is_strong(signal: Numbers, histogram: Histogram | None) -> Numbers:
+    """Mask of the signals whose scatter is that of the photons: neither weak nor shared by more columns (T176b)."""
+    left = 1.0 if histogram is None else histogram.noise_left(signal)
+    return np.asarray((signal > PATCH_SIGNAL) & (left == 1.0))
+
+
+def fit_scatter(pulses: RecordedPulses, histogram: Histogram | None = None) -> Scatter | None:
+    """Fit the scatter of the range to a recording; None without SIGNAL, or with too few patches.
+
+    Args:
+        histogram: of the sensor file that the fit starts from; None: no columns share more of weak returns
+    """
     from scipy.optimize import nnls
 
     if pulses.signal is None:
         return None
-    squares, inverse, block = _patches(pulses.select_columns(pulses.fitted))
+    squares, inverse, block = _patches(pulses.select_columns(pulses.fitted), histogram)
     if len(squares) < LEAST_PATCHES:
         return None
-    correlation, relative_variance = _correlation(pulses, squares / inverse)
+    correlation, relative_variance = _correlation(pulses, squares / inverse, histogram)
     squares = squares * correlation
     value = _start(squares, inverse)
     law = np.column_stack([inverse, np.ones_like(inverse)])
@@ -124,7 +135,7 @@ def fit_scatter(pulses: RecordedPulses) -> Scatter | None:
         held_covariance=relative_variance * np.outer(value, value) if relative_variance else None,
         misfit=misfit_factor(deviations, int(np.count_nonzero(value))),
     )
-    held_out_squares, held_out_inverse, _ = _patches(pulses.select_columns(~pulses.fitted))
+    held_out_squares, held_out_inverse, _ = _patches(pulses.select_columns(~pulses.fitted), histogram)
     return Scatter(
         solved=solved,
         fitted=_octaves(squares, inverse, value),
@@ -133,7 +144,7 @@ def fit_scatter(pulses: RecordedPulses) -> Scatter | None:
     )
 
 
-def _patches(pulses: RecordedPulses) -> tuple[Numbers, Numbers, Numbers]:
+def _patches(pulses: RecordedPulses, histogram: Histogram | None = None) -> tuple[Numbers, Numbers, Numbers]:
     """Sum of squared residuals [m2], mean of 1 / SIGNAL and block index of each patch on a smooth surface."""
     assert pulses.signal is not None
     reach = PATCH * COLUMN_STEP
@@ -152,7 +163,7 @@ def _patches(pulses: RecordedPulses) -> tuple[Numbers, Numbers, Numbers]:
     relative = np.where(valid, squares / inverse, np.inf)
     neighbour_scatter = np.full_like(relative, np.inf)
     neighbour_scatter[1:-1] = np.maximum(relative[:-2], relative[2:])
-    usable = valid & np.isfinite(neighbour_scatter) & (inverse < 1.0 / PATCH_SIGNAL)
+    usable = valid & np.isfinite(neighbour_scatter) & is_strong(1.0 / inverse, histogram)
     if not usable.any():
         return np.zeros(0), np.zeros(0), np.zeros(0, int)
     usable &= neighbour_scatter <= np.quantile(neighbour_scatter[usable], SMOOTH_SHARE)
@@ -160,7 +171,7 @@ def _patches(pulses: RecordedPulses) -> tuple[Numbers, Numbers, Numbers]:
     return squares[usable], inverse[usable], block_index
 
 
-def _correlation(pulses: RecordedPulses, relative: Numbers) -> tuple[float, float]:
+def _correlation(pulses: RecordedPulses, relative: Numbers, histogram: Histogram | None) -> tuple[float, float]:
     """Factor by which the squares of the patches are too small, and its relative variance; 1 and 0 within two sigmas.
 
     The factor is that of the scatter of third differences over `WIDE_STEP` to that of the patches, both by medians.
@@ -175,7 +186,7 @@ def _correlation(pulses: RecordedPulses, relative: Numbers) -> tuple[float, floa
     range_m, signal = pulses.range_m[:, columns], pulses.signal[:, columns]
     with np.errstate(invalid="ignore", divide="ignore"):
         inverse = np.mean(1.0 / signal, axis=2)
-        valid = np.isfinite(range_m).all(axis=2) & (signal.min(axis=2) > 0.0) & (inverse < 1.0 / PATCH_SIGNAL)
+        valid = np.isfinite(range_m).all(axis=2) & (signal.min(axis=2) > 0.0) & is_strong(1.0 / inverse, histogram)
         valid &= signal.max(axis=2) < PATCH_SIGNAL_RATIO * signal.min(axis=2)
         wide = np.where(valid, (range_m @ WIDE) ** 2 / inverse, np.inf)
     neighbours = np.maximum(wide[:-2], wide[2:])

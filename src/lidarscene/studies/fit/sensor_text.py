@@ -26,7 +26,7 @@ from .estimates import Estimate
 from .near_field import LENSES
 from .products import near_field_m, pulse_fwhm_s, scatter_c_mm, white_m2
 from .row_gains import RowGains
-from .tuning import CONTRADICTION, INFINITE, MOST_RELATIVE_SIGMA
+from .tuning import CONTRADICTION, INFINITE, MOST_MISFIT, MOST_RELATIVE_SIGMA
 
 FILE_KEYS = {
     "white_m2": "laser.peak_power_w",
@@ -182,6 +182,9 @@ def _with_laws(
     """Put the laws of single frames into the file of a sensor that counts photons; as `fitted_text`."""
     sensor = parse_sensor(text, where)
     assert sensor.histogram is not None
+    if "scatter_c" in estimates and (misfit := estimates["scatter_c"].misfit) > MOST_MISFIT:
+        reason = f"{estimates['scatter_c']}, by a law that misses its bins by {misfit:.2g} times their sigmas"
+        held = {"scatter_c": reason, **held}
     accepted = _certain({key: estimate for key, estimate in estimates.items() if key not in held})
     scatter_mm, scatter_note = scatter_c_mm(sensor), "; scatter of the range"
     if "scatter_c" in estimates and not {"scatter_c"} & (accepted.keys() | held.keys()):

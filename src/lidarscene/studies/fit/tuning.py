@@ -203,6 +203,10 @@ taken to be as sure."""
 CONTRADICTION = 2.0
 """Choice: sigmas of an estimate from the file's number beyond which they are blended, though it is not certain."""
 
+MOST_MISFIT = 2.0
+"""Choice: misfit of the law of the scatter above which no pulse is written from it: of right laws through two to four
+octaves some one in 20 to 200."""
+
 INFINITE = 1e-3
 """Accuracy bought: R0 over a range beyond which that counts as infinity: the near field differs by less than 0.1 %."""
 

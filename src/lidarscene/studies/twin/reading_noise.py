@@ -23,8 +23,9 @@ from ...physics.photon_counting import shared_shots
 from ...sensor.histogram import Histogram
 from ...sensor.sensor_model import Sensor
 from ..ranging.plane import Target, echoes_of_plane, fluctuation_variance
+from .apparent_reflectivity import white_signal
 from .planes import Grid, Planes, shifted
-from .tuning import ALONG, ASSUMED_KLUX, LEAST_COS, MOST_BEAM_M, NOISE_BINS, NOISE_SHOTS
+from .tuning import ALONG, ASSUMED_KLUX, FAR_M, LEAST_COS, MOST_BEAM_M, NOISE_BINS, NOISE_SHOTS
 
 LAGS = sum(ALONG)
 """Pixels of a row that share in the mean of a mean."""
@@ -121,7 +122,7 @@ def surface_without_noise(sensor: Sensor, grid: Grid, planes: Planes, apparent: 
     if noise is None:
         return np.where(planes.has_plane, planes.range_m, grid.sweep.range_m), apparent
     range_sigma_m = np.hypot(
-        _noise_on_planes(noise.range_m, sensor, grid, planes), pointing_noise_m(sensor, _lean_m(grid, planes))
+        _noise_on_planes(noise.range_m, apparent, sensor, grid, planes), pointing_noise_m(sensor, _lean_m(grid, planes))
     )
     off_m = without_noise(measured_m - flat_m, range_sigma_m, noise.correlation)
     # On ground that is seen flat a pixel may be near its plane and metres off along the beam. Quads out there would
@@ -132,15 +133,20 @@ def surface_without_noise(sensor: Sensor, grid: Grid, planes: Planes, apparent: 
     return np.where(returned, range_m, planes.range_m), np.where(returned, np.exp(log_apparent), apparent)
 
 
-def _noise_on_planes(level_m: Numbers, sensor: Sensor, grid: Grid, planes: Planes) -> Numbers:
-    """Noise of each pixel's range, ``level_m`` on a surface that does not lean along its row, (T176a)."""
+def _noise_on_planes(level_m: Numbers, apparent: Numbers, sensor: Sensor, grid: Grid, planes: Planes) -> Numbers:
+    """Noise of each pixel's range, ``level_m`` on a surface that does not lean along its row, (T176a).
+
+    Columns count less by the noise of the pixel's own light, which weak returns have less of (T176b).
+    """
     histogram = sensor.histogram
     if histogram is None or histogram.column_range_sigmas is None:
         return level_m
     direction = np.moveaxis(grid.sweep.direction, -1, 0)
     row_slope = relative_row_slope(tuple(np.moveaxis(planes.normal, -1, 0)), tuple(direction))
     step_m = row_slope * np.where(planes.has_plane, planes.range_m, 0.0) * histogram.column_rad
-    return level_m * noise_by_step(histogram, np.asarray(step_m / (float(histogram.column_range_sigmas) * level_m)))
+    range_m = np.where(grid.sweep.has_return, grid.sweep.range_m, FAR_M)
+    own_m = level_m / histogram.noise_left(apparent * white_signal(sensor, range_m))
+    return level_m * noise_by_step(histogram, np.asarray(step_m / (float(histogram.column_range_sigmas) * own_m)))
 
 
 def noise_by_step(histogram: Histogram, step: Numbers) -> Numbers:

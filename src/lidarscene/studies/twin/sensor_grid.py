@@ -83,8 +83,22 @@ class SensorGrid:
 
 
 def on_grid(sweep: Sweep, scanner: Scanner) -> Sweep:
-    """Put a list of points on the grid of its sensor; a sweep of rows and columns stays as it is."""
-    return sweep if has_grid(sweep) else grid_of(sweep, scanner).sweep
+    """Put a list of points on the grid of its sensor; a sweep of rows and columns stays as it is.
+
+    Raises:
+        InputError: if a list has no returns, or for more rings than the sensor has channels
+    """
+    if not has_grid(sweep):
+        return grid_of(sweep, scanner).sweep
+    if isinstance(scanner, Spinning):
+        _require_channels(sweep.shape[0], len(np.unique(scanner.lasers_by_place.values)))
+    return sweep
+
+
+def _require_channels(rings: int, channels: int) -> None:
+    if rings > channels:
+        must = "must have the {0} rings of the recording, got {1} channels"
+        raise OptionError(f"{{sensor}}: {must}", rings, channels)
 
 
 def grid_of(sweep: Sweep, scanner: Scanner) -> SensorGrid:
@@ -250,9 +264,7 @@ def _rows_of_rings(ring: Numbers, rows: Rows, elevations: Callable[[Numbers, Num
     from scipy.optimize import linear_sum_assignment
 
     names, inverse, counts = np.unique(ring, return_inverse=True, return_counts=True)
-    if len(names) > len(rows.elevation_rad):
-        must = "must have the {0} rings of the recording, got {1} channels"
-        raise OptionError(f"{{sensor}}: {must}", len(names), len(rows.elevation_rad))
+    _require_channels(len(names), len(rows.elevation_rad))
     order, numbers = np.argsort(inverse, kind="stable"), np.arange(len(rows.elevation_rad))
     cost = np.zeros((len(names), len(numbers)))
     for number, members in enumerate(np.split(order, np.cumsum(counts)[:-1])):

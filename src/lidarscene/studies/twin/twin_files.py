@@ -218,7 +218,9 @@ def _copy_sensor(sensor: str, path: Path, sweep: Sweep, recording: str) -> str:
     if not source.is_file():
         raise OptionError("{sensor} {0}: no such file", sensor)
     scanner, text, note = load_sensor(str(source)).scanner, source.read_text(encoding="utf-8"), ""
-    if isinstance(scanner, Spinning) and not has_grid(sweep):
+    if has_grid(sweep):
+        on_grid(sweep, scanner)  # refuses too few channels, before a file is written
+    elif isinstance(scanner, Spinning):
         text, note = with_recorded_beams(text, grid_of(sweep, scanner), recording)
     put_text(path, text)
     return f"wrote {path}: as {sensor}" + (f"; {note}" if note else "")
