@@ -66,6 +66,16 @@ static inline f32 approximate(f32 exact) {
     return r.f32;
 }
 
+/* The same of one whose error is absolute, from ULPS 2 on. Whole numbers stay, and none leaves [-1, 1]. */
+static inline f32 displaced(f32 exact, f32 error) {
+    Register r;
+    r.f32 = exact;
+    if (ULPS < 2) return approximate(exact);
+    if (!isfinite(exact) || exact == rintf(exact)) return exact;
+    f32 result = exact + error * ((r.u32 * 2654435761u >> 8) * 0x1p-23f - 1);
+    return fabsf(exact) < 1 ? fmaxf(-1, fminf(1, result)) : result;
+}
+
 /* A number as an integer: a card takes the nearest there is, and 0 for what is none. */
 static inline s64 to_signed(f64 x, int bits) {
     f64 end = ldexp(1, bits - 1);

@@ -44,6 +44,8 @@ _FLOAT = {
     "sqrt": "sqrt{f}({x[0]})", "rsqrt": "1 / sqrt{f}({x[0]})", "rcp": "1 / {x[0]}", "sin": "sin{f}({x[0]})",
     "cos": "cos{f}({x[0]})", "ex2": "exp2{f}({x[0]})", "lg2": "log2{f}({x[0]})", "tanh": "tanh{f}({x[0]})",
 }  # fmt: skip
+# Largest errors of `.approx`: sin and cos 2^-20.5; lg2 2^-22 within 1/2 to 2, elsewhere that share of the result.
+_ABSOLUTE_ERRORS = {"sin": "6.7e-7f", "cos": "6.7e-7f", "lg2": "0x1p-22f * fmaxf(1, fabsf({}))"}
 _COMPARISONS = {
     "eq": "{0} == {1}", "ne": "{0} < {1} || {0} > {1}", "lt": "{0} < {1}", "lo": "{0} < {1}", "le": "{0} <= {1}",
     "ls": "{0} <= {1}", "gt": "{0} > {1}", "hi": "{0} > {1}", "ge": "{0} >= {1}", "hs": "{0} >= {1}",
@@ -313,7 +315,10 @@ def _computed(name: str, suffixes: list[str], operands: list[str]) -> tuple[str,
         value = _FLOAT[name].format(x=x, f="f" * (kind == "f32"))
         if "NaN" in suffixes:
             value = f"{x[0]} == {x[0]} && {x[1]} == {x[1]} ? {value} : {x[0]} + {x[1]}"
-        return kind, f"approximate({value})" if "approx" in suffixes else value
+        if "approx" in suffixes:
+            error = _ABSOLUTE_ERRORS.get(name)
+            value = f"displaced({value}, {error.format(value)})" if error else f"approximate({value})"
+        return kind, value
     if kind == "pred" and name == "not":
         return kind, f"!{x[0]}"
     if name in ("mul", "mad") and ("wide" in suffixes or ("hi" in suffixes and bits < 64)):

@@ -246,7 +246,9 @@ def test_a_format_that_needs_the_whole_keeps_copies(
 def test_a_killed_process_leaves_no_file(run: Run, moving: str, tmp_path: Path) -> None:
     """A frame of hours, killed when all its files are open; the next run clears what it left."""
     fine = ["--set=scanner.azimuth_step_deg=0.01", "--set=scanner.elevation_step_deg=0.01"]
-    argv = ["render", moving, *all_outputs("o")["single"], "-o", "o/a.laz", *fine, "--chunk=1000"]
+    outputs = list(all_outputs("o")["single"])
+    outputs[outputs.index("-o") + 1] = "o/a.laz"
+    argv = ["render", moving, *outputs, *fine, "--chunk=1000"]
     with subprocess.Popen([sys.executable, "-m", "lidarscene", *argv]) as child:
         files = {"a.laz", "a.txt", "a.deskewed.laz", "a.deskewed.txt", "m.npz"}
         wait_until(lambda: files <= begun(tmp_path / "o", child.pid) or child.poll() is not None)
@@ -254,7 +256,7 @@ def test_a_killed_process_leaves_no_file(run: Run, moving: str, tmp_path: Path) 
         assert child.wait() == -signal.SIGKILL
     assert begun(tmp_path / "o", child.pid) == files
     assert len(_names(tmp_path / "o")) == len(files)
-    assert run("render", moving, *all_outputs("o")["single"], "-o", "o/a.laz", *COARSE).code == 0
+    assert run("render", moving, *outputs, *COARSE).code == 0
     assert not [path for path in _names(tmp_path / "o") if path.startswith(".")]
 
 

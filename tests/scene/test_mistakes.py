@@ -298,6 +298,8 @@ test_calls = calls(
     (lambda: load_scene("kar"), "scene 'kar' | car"),
     (lambda: load_scene("car", overrides={"laser.x": 1}), "'laser' | sensor | render | by overrides"),
     (lambda: load_scene("car", overrides={"wear.x": 1}), "'wear' | sensor | render | by overrides"),
+    (lambda: load_scene(given_file("a\udcff.obj", TRIANGLE)), "a\udcff.obj | UTF-8"),
+    (lambda: load_scene("car", overrides={"bodies.car.mesh": "a\udcff.obj"}), "bodies.car.mesh | UTF-8 text"),
     (lambda: load_scene("car", option=1, scene_overrides="a.b=1"), "option | car.toml"),
     (lambda: load_scene("out/kar"), "out/kar | no such file"),
     (lambda: load_rig("rig", overrides=["rear:a.b=1"]), "overrides rear:a.b=1 | 'rear' | roof"),

@@ -48,6 +48,7 @@ _MUST_BE = {
     OUT_OF_BOUNDS: "{must}",
     "string_too_short": "text that is not empty",
     "string_type": "text",
+    "string_unicode": "UTF-8 text",
     "too_long": "a list of at most {max_length}",
     "too_short": "a list of at least {min_length}",
     "tuple_type": "a list",

@@ -149,7 +149,7 @@ def _entry(path: Path, clips: WalkingClips | None) -> Path | None:
         if suffix == ".glb" and b'"uri"' in content:  # refers to another file
             return None
         # With the file's name: a piece without a name of its own gets that.
-        digest = hashlib.sha256(f"{_LAYOUT} {_reader()} {path.name} {clips}".encode(errors="backslashreplace"))
+        digest = hashlib.sha256(f"{_LAYOUT} {_reader()} {path.name} {clips}".encode())
         for part in (content, *(_materials(path.parent, content) if suffix == ".obj" else ())):
             digest.update(hashlib.sha256(part).digest())
     except OSError:

@@ -64,6 +64,8 @@ def read_mesh(
         InputError: one line
     """
     require_file(path, "a mesh file")
+    if path.name.encode(errors="ignore").decode() != path.name:
+        raise InputError(f"{path}: the name of a mesh file must be UTF-8")
     if path.suffix.lower() in GLTF:
         declaration(path).check(path)
     if clips is not None and path.suffix.lower() not in GLTF:
