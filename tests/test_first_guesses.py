@@ -185,7 +185,7 @@ ANSWERS = {
 
 @pytest.mark.parametrize("guess", ANSWERS)
 def test_a_guess_is_answered_in_one_line(guess: str) -> None:
-    with pytest.raises((lidarscene.InputError, AttributeError, TypeError), match=ANSWERS[guess]) as caught:
+    with pytest.raises((lidarscene.InputError, AttributeError, TypeError, ValueError), match=ANSWERS[guess]) as caught:
         eval(guess, dict(NAMES))
     assert "\n" not in str(caught.value)
 

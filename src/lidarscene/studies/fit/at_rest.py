@@ -34,7 +34,7 @@ from ..twin.judge import CLIPPED_DEVIATION, spread
 from ..twin.reading_noise import noise_by_step, pointing_noise_m, read_boards
 from ..twin.repeats import changes_m, held_share, kept_by_bin
 from ..twin.tuning import ASSUMED_KLUX, CLIP_SIGMAS, OCTAVES_M
-from .estimates import MOST_EVALUATIONS, Estimate, Solution, huber_weight
+from .estimates import Estimate, Solution, huber_weight
 from .near_field import LEAST_BINS
 from .pixels_at_rest import PixelsAtRest
 from .published_fit import POWER
@@ -50,8 +50,10 @@ from .tuning import (
     LEAST_SLOPE,
     LEAST_STEP_MM,
     LIGHT_BOUNDS,
+    LIGHT_STARTS,
     LOG_STEP,
     MOST_KEPT,
+    MOST_STEPS,
     PIXELS_OF_BIN,
     READINGS,
     REST_BOUNDS,
@@ -69,9 +71,10 @@ LIGHT = "light_over_noise_at_rest"
 """Signal of a reflectivity over the noise, in that of the file: power, lens and the scale of the intensities are one
 product, so it is no key of a file."""
 
-UNITS = {FLOOR: "mm", SLOPE: "mm/m2", LIGHT: "times"} | {
-    key: key.rpartition("_")[2].replace("mhz", "MHz").replace("w", "W") for key in (*CONVERTER, COLUMNS)
+UNITS = {ENERGY: "", COLUMNS: "", FLOOR: "mm", SLOPE: "mm/m2", LIGHT: "times"} | {
+    key: key.rpartition("_")[2].replace("mhz", "MHz") for key in CONVERTER
 }
+"""Number that is told, or else the reason why not -> its unit."""
 
 
 Law = tuple[Sequence[str], Solution | None, dict[str, str]]
@@ -145,11 +148,12 @@ def solve(recorded: Statistics, predict: Callable[[Numbers], Numbers], start: Nu
 
     Args:
         predict: (k,) statistics of the (p,) logarithms
+        start: (p,) logarithms, or (s, p) of several starts, of which the one that ends at the least cost counts
         bounds: (2, p) of the logarithms
     """
     from scipy.optimize import least_squares
 
-    value, misfit, weight = start, np.zeros_like(recorded.value), np.ones_like(recorded.value)
+    misfit, weight = np.zeros_like(recorded.value), np.ones_like(recorded.value)
 
     @cache  # solver, slopes and weights ask for the same places
     def law(*logs: float) -> Numbers:
@@ -160,20 +164,25 @@ def solve(recorded: Statistics, predict: Callable[[Numbers], Numbers], start: Nu
         rises = [law(*high) - law(*low) for high, low in zip(above, below, strict=True)]
         return np.stack(rises, axis=1) / np.diag(above - below)
 
-    evaluations, sigma = 0, recorded.spread(law(*start))
+    places, evaluations = np.atleast_2d(start), 0
+    sigma = recorded.spread(law(*places[0]))
     for _ in range(3):
         root = np.sqrt(weight) / np.hypot(sigma, misfit)
-        found = least_squares(
-            lambda logs, root=root: (law(*logs) - recorded.value) * root,
-            value,
-            jac=lambda logs, root=root: slopes(logs) * root[:, None],
-            bounds=bounds,
-            max_nfev=MOST_EVALUATIONS // (1 + 2 * len(start)),
-            xtol=1e-3,
-            ftol=1e-4,
-        )
-        value = found.x
-        evaluations += found.nfev + 2 * len(start) * found.njev
+        tried = [
+            least_squares(
+                lambda logs, root=root: (law(*logs) - recorded.value) * root,
+                place,
+                jac=lambda logs, root=root: slopes(logs) * root[:, None],
+                bounds=bounds,
+                max_nfev=MOST_STEPS,
+                xtol=1e-3,
+                ftol=1e-4,
+            )
+            for place in places
+        ]
+        found = min(tried, key=lambda end: float(end.cost))
+        value, places = found.x, found.x[None]
+        evaluations += sum(end.nfev + 2 * end.njev * len(end.x) for end in tried)
         residual, sigma = recorded.value - law(*value), recorded.spread(law(*value))
         for kind in np.unique(recorded.kind):
             alike = recorded.kind == kind
@@ -182,7 +191,9 @@ def solve(recorded: Statistics, predict: Callable[[Numbers], Numbers], start: Nu
     root = np.sqrt(weight) / np.hypot(sigma, misfit)
     jacobian = slopes(value) * root[:, None]
     scores = ((recorded.parts + recorded.share * residual) * root) @ jacobian
-    return Solution(value=value, slope=jacobian.T @ jacobian, scores=scores, evaluations=evaluations)
+    return Solution(
+        value=value, slope=jacobian.T @ jacobian, scores=scores, evaluations=evaluations, at_limit=found.status == 0
+    )
 
 
 def pixel_squares(changes: Numbers) -> Numbers:
@@ -285,7 +296,7 @@ class FitAtRest:
 
     Attributes:
         estimates: of keys of the sensor file, and of (T185)
-        unknown: key -> why this recording does not determine it
+        unknown: key, or coefficient -> why this recording does not determine it
         solutions: name -> parameters, and solution
     """
 
@@ -327,8 +338,8 @@ def _estimates(law: Law) -> Iterator[Estimate]:
     """Estimates of the numbers of a law that are worth telling."""
     keys, solved, _ = law
     for index, key in enumerate(keys):
-        if solved is not None and key in REST_BOUNDS.keys() | UNITS.keys():
-            yield solved.estimate(key, UNITS.get(key, ""), _exponential(index))
+        if solved is not None and key in UNITS:
+            yield solved.estimate(key, UNITS[key], _exponential(index))
 
 
 def _exponential(index: int) -> Callable[[Numbers], float]:
@@ -359,7 +370,8 @@ def _floor_and_noise(pixels: PixelsAtRest) -> Law:
     """Coefficients of (T185), in millimetres and square metres."""
     level = pixels.select(pixels.lean_m < 2.0 * LEAST_LEAN_M)
     if level.strength is None or not len(level.block):
-        return (), None, {}
+        reason = "no strengths are recorded" if level.strength is None else "every surface leans"
+        return (), None, dict.fromkeys((FLOOR, SLOPE), reason)
     weakness = level.mean_m**2 / np.maximum(np.nanmean(level.strength, axis=0), LEAST_OF_STRENGTH)
     members, recorded = _binned(level, 2.0 * np.log2(weakness)[None], 1e3 * changes_m(level.range_m))
     return _sum_of_terms(
@@ -390,7 +402,7 @@ def _sum_of_terms(
     """
     if recorded is None:
         reason = "too few surfaces of different strength and range"
-        return (), None, {key: reason for key in names if key in REST_BOUNDS}
+        return (), None, {key: reason for key in names if key in UNITS}
     law = np.stack([terms[:, chosen].mean(axis=1) for chosen in members])
     level = float(np.exp(np.median(recorded.value)))
     start = np.log(level / len(names) / np.median(law, axis=0)) / power
@@ -436,9 +448,9 @@ def _converter(pixels: PixelsAtRest, text: str, where: str) -> Law:
     sensor = parse_sensor(text, where)
     boards = Boards.of(pixels, sensor)
     if len(boards.members) < LEAST_BINS:
-        return (), None, dict.fromkeys(CONVERTER, "too few smooth surfaces of different strength and lean")
+        return (), None, dict.fromkeys((*CONVERTER, LIGHT), "too few smooth surfaces of different strength and lean")
     recorded = boards.recorded()
-    reasons = {POWER: f"only its product with lens and scale of intensities is known, over the noise: {LIGHT}"}
+    reasons: dict[str, str] = {}
     if sensor.tdc.strong_above is None:
         reasons[STRONG] = "the file has no tdc.strong_above, from which on pulses have a channel of their own"
     kept = recorded.kind == 1
@@ -447,6 +459,8 @@ def _converter(pixels: PixelsAtRest, text: str, where: str) -> Law:
     keys = [key for key in (*CONVERTER, LIGHT) if key == CHATTER or key not in reasons]
     names, solved, more = _converter_law(boards, recorded, keys, text, where)
     reasons = more | reasons
+    if LIGHT in names:
+        reasons[POWER] = f"only its product with lens and scale of intensities is known, over the noise: {LIGHT}"
     if DIVERGENCE in names and solved is not None:
         beam = {DIVERGENCE: math.exp(solved.value[names.index(DIVERGENCE)])}
         light = echoes_of_plane(parse_sensor(_changed(text, beam), where), board(boards.pixels), boards.pixels.mean_m)
@@ -487,7 +501,8 @@ def _converter_law(boards: Boards, recorded: Statistics, keys: Sequence[str], te
     try:
         error = np.nan_to_num(boards.simulated(sensor_of(start)).sigma)
         uncertain = replace(recorded, sigma=np.sqrt(recorded.sigma**2 + error**2 + unlike**2))
-        solved = solve(uncertain, predict, np.clip(start, *bounds), bounds)
+        starts = np.where(np.array(keys) == LIGHT, np.log(LIGHT_STARTS)[:, None], start)
+        solved = solve(uncertain, predict, np.clip(starts, *bounds), bounds)
     except InputError as failure:
         if DIVERGENCE not in keys:
             return (), None, dict.fromkeys(keys, str(failure))
@@ -509,7 +524,7 @@ def _determined(keys: tuple[str, ...], solved: Solution, bounds: Numbers) -> Law
         for key, value, middle, quiet, ends in zip(
             keys, solved.value, bounds.mean(axis=0), silent, at_bound, strict=True
         )
-        if (quiet or ends) and key in REST_BOUNDS
+        if (quiet or ends) and key in UNITS
     }
     rest = np.flatnonzero(~at_bound & ~silent)
     if not len(rest):

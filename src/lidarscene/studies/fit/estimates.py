@@ -79,6 +79,7 @@ class Solution:
         evaluations: number of evaluations of the law
         held_covariance: (p, p) covariance added by the uncertainty of parameters held fixed; None: none
         misfit: factor on the uncertainties (`misfit_factor`)
+        at_limit: True if the solver stopped at its largest number of steps
     """
 
     value: Numbers
@@ -88,6 +89,7 @@ class Solution:
     evaluations: int = 0
     held_covariance: Numbers | None = None
     misfit: float = 1.0
+    at_limit: bool = False
 
     @property
     def covariance(self) -> Numbers:

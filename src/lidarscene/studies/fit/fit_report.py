@@ -105,6 +105,9 @@ class FitReport:
                 f"The law of the {name} misses its bins by {factor:.2g} times their sigmas (root of the reduced "
                 "chi-square), and its sigmas are that much larger."
             )
+        for name, (_, solved) in self.solutions.items():
+            if solved.at_limit:
+                report.add_paragraph(f"The fit of {name} stopped at its largest number of steps, before it converged.")
         for note in self.notes:  # a sentence of its own, which begins with a capital or with the key of a sensor file
             report.add_paragraph((note if "." in note.split()[0] else note[:1].upper() + note[1:]) + ".")
         if self.null:

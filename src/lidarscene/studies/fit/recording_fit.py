@@ -203,7 +203,13 @@ def fit_recordings(
             break
         held |= worse
     if at_rest is not None:
-        notes = (*notes, *(f"{key} is left as it was: {reason}" for key, reason in at_rest.unknown.items()))
+        notes = (
+            *notes,
+            *(
+                f"{key} is left as it was: {reason}" if "." in key else f"no {key}: {reason}"
+                for key, reason in at_rest.unknown.items()
+            ),
+        )
         gauge = ReflectivityGauge.from_sweep(sweeps[0], base_sensor)
         if base_sensor.histogram is None and gauge is not None and gauge.assumed:
             notes = (*notes, SCALE_NOTE)

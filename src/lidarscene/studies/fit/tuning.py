@@ -165,6 +165,13 @@ REST_BOUNDS = {
 }
 """Choice: numbers of the sensor file that frames at rest determine -> least and largest value that is tried."""
 
+MOST_STEPS = 20
+"""Accuracy bought: most steps of a solver at rest; fits of five numbers take up to 10, and 4 ended before."""
+
+LIGHT_STARTS = (1.0, 0.2, 5.0)
+"""Accuracy bought: lights that a fit begins at. From 1 alone, five of eight units of 3 times the light ended below,
+more than 4 sigma from it."""
+
 LIGHT_BOUNDS = (0.1, 10.0)
 """Choice: least and largest light over the noise that is tried, in that of the file."""
 
