@@ -50,6 +50,7 @@ from .tuning import (
     LEAST_SLOPE,
     LEAST_STEP_MM,
     LIGHT_BOUNDS,
+    LIGHT_ERROR,
     LIGHT_STARTS,
     LOG_STEP,
     MOST_KEPT,
@@ -459,8 +460,8 @@ def _converter(pixels: PixelsAtRest, text: str, where: str) -> Law:
     keys = [key for key in (*CONVERTER, LIGHT) if key == CHATTER or key not in reasons]
     names, solved, more = _converter_law(boards, recorded, keys, text, where)
     reasons = more | reasons
-    if LIGHT in names:
-        reasons[POWER] = f"only its product with lens and scale of intensities is known, over the noise: {LIGHT}"
+    told = f": {LIGHT}" if LIGHT in names else ", and not here"
+    reasons[POWER] = f"only its product with lens and scale of intensities is known, over the noise{told}"
     if DIVERGENCE in names and solved is not None:
         beam = {DIVERGENCE: math.exp(solved.value[names.index(DIVERGENCE)])}
         light = echoes_of_plane(parse_sensor(_changed(text, beam), where), board(boards.pixels), boards.pixels.mean_m)
@@ -503,6 +504,8 @@ def _converter_law(boards: Boards, recorded: Statistics, keys: Sequence[str], te
         uncertain = replace(recorded, sigma=np.sqrt(recorded.sigma**2 + error**2 + unlike**2))
         starts = np.where(np.array(keys) == LIGHT, np.log(LIGHT_STARTS)[:, None], start)
         solved = solve(uncertain, predict, np.clip(starts, *bounds), bounds)
+        in_common = np.diag(np.where(np.array(keys) == LIGHT, LIGHT_ERROR**2, 0.0))
+        solved = replace(solved, held_covariance=in_common)
     except InputError as failure:
         if DIVERGENCE not in keys:
             return (), None, dict.fromkeys(keys, str(failure))
@@ -529,8 +532,13 @@ def _determined(keys: tuple[str, ...], solved: Solution, bounds: Numbers) -> Law
     rest = np.flatnonzero(~at_bound & ~silent)
     if not len(rest):
         return (), None, reasons
+    square, in_common = np.ix_(rest, rest), solved.held_covariance
     solved = replace(
-        solved, value=solved.value[rest], slope=solved.slope[np.ix_(rest, rest)], scores=solved.scores[:, rest]
+        solved,
+        value=solved.value[rest],
+        slope=solved.slope[square],
+        scores=solved.scores[:, rest],
+        held_covariance=None if in_common is None else in_common[square],
     )
     return tuple(keys[index] for index in rest), solved, reasons
 
