@@ -127,7 +127,6 @@ def test_the_beam_rests_on_no_chatter_of_the_file() -> None:
     fit = fit_at_rest(recorded, PANDAR, "unit.toml")
     beam = fit.by_key["laser.divergence_mrad"]
     assert abs(beam.value - 6.0) < 3.5 * beam.sigma
-    assert beam.sigma < 1.5
     assert "no surface loses more than 3%" in fit.unknown["tdc.chatter_mhz"]
     (light,) = (estimate for estimate in fit.estimates if estimate.key == LIGHT)
     margins = [detection_margin(parse_sensor(each, "unit"), Target(), 20.0).item() for each in (text, PANDAR)]

@@ -166,6 +166,7 @@ def solve(recorded: Statistics, predict: Callable[[Numbers], Numbers], start: Nu
         return np.stack(rises, axis=1) / np.diag(above - below)
 
     places, evaluations = np.atleast_2d(start), 0
+    apart = np.zeros((places.shape[1], places.shape[1]))
     sigma = recorded.spread(law(*places[0]))
     for _ in range(3):
         root = np.sqrt(weight) / np.hypot(sigma, misfit)
@@ -182,6 +183,9 @@ def solve(recorded: Statistics, predict: Callable[[Numbers], Numbers], start: Nu
             for place in places
         ]
         found = min(tried, key=lambda end: float(end.cost))
+        for end in tried:  # as good, to two sigma: what they differ by is not known
+            if end.cost < found.cost + 2.0:
+                apart += np.outer(end.x - found.x, end.x - found.x)
         value, places = found.x, found.x[None]
         evaluations += sum(end.nfev + 2 * end.njev * len(end.x) for end in tried)
         residual, sigma = recorded.value - law(*value), recorded.spread(law(*value))
@@ -193,7 +197,12 @@ def solve(recorded: Statistics, predict: Callable[[Numbers], Numbers], start: Nu
     jacobian = slopes(value) * root[:, None]
     scores = ((recorded.parts + recorded.share * residual) * root) @ jacobian
     return Solution(
-        value=value, slope=jacobian.T @ jacobian, scores=scores, evaluations=evaluations, at_limit=found.status == 0
+        value=value,
+        slope=jacobian.T @ jacobian,
+        scores=scores,
+        evaluations=evaluations,
+        held_covariance=apart,
+        at_limit=found.status == 0,
     )
 
 
@@ -505,7 +514,8 @@ def _converter_law(boards: Boards, recorded: Statistics, keys: Sequence[str], te
         starts = np.where(np.array(keys) == LIGHT, np.log(LIGHT_STARTS)[:, None], start)
         solved = solve(uncertain, predict, np.clip(starts, *bounds), bounds)
         in_common = np.diag(np.where(np.array(keys) == LIGHT, LIGHT_ERROR**2, 0.0))
-        solved = replace(solved, held_covariance=in_common)
+        apart = 0.0 if solved.held_covariance is None else solved.held_covariance
+        solved = replace(solved, held_covariance=in_common + apart)
     except InputError as failure:
         if DIVERGENCE not in keys:
             return (), None, dict.fromkeys(keys, str(failure))
