@@ -193,7 +193,7 @@ def test_a_law_is_asked_once_at_each_place() -> None:
 
 
 def test_of_several_starts_the_best_counts() -> None:
-    """Of two minima the deeper one is found; rationale: units of 3 times the light were told as 0.7 +/- 0.1."""
+    """The deeper of two minima is found; rationale: units of 3 times the light were told as 0.7 +/- 0.1."""
 
     def two_valleys(logs: Numbers) -> Numbers:
         return np.repeat([logs[0] ** 2 - 1.0, 0.2 * logs[0]], 15)
