@@ -203,7 +203,8 @@ def test_one_kernel_asks_all_scenes() -> None:
     simulator = Simulator(load_scene("drive"), chain.sensor("table1-apd", *SENSOR))
     with launches.launched() as kernels:
         cloud = simulator.render(seed=1)
-    assert simulator.world.has_panes
+    assert simulator.world.speculars is not None
+    assert simulator.world.speculars.lets_through
     assert simulator.world.mover_scene is not None
     assert len(cloud) > 100
     assert sum(bool(kernel.get("uses_optix")) for kernel in kernels) <= 3

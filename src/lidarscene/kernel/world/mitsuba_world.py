@@ -169,11 +169,6 @@ class World:
         """
         return replace(self, movers=tuple(replace(mover, body=bodies[mover.number]) for mover in self.movers))
 
-    @property
-    def has_panes(self) -> bool:
-        """True if anything lets light through or has gaps."""
-        return self.speculars is not None and self.speculars.lets_through
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _BodiesOfOneShape:

@@ -77,7 +77,8 @@ class Solution:
         scores: (b, p) score of each block at the solution
         meat: (p, p) variance of the sum of the scores if the law is right; None: H
         evaluations: number of evaluations of the law
-        held_covariance: (p, p) covariance added by the uncertainty of parameters held fixed; None: none
+        held_covariance: (p, p) covariance added to that of the data: by parameters held fixed, by what all data have in
+            common, and by solutions as good; None: none
         misfit: factor on the uncertainties (`misfit_factor`)
         at_limit: True if the solver stopped at its largest number of steps
     """
