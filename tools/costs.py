@@ -78,7 +78,7 @@ class Costs:
         path = TESTS / "costly"
         texts = {file: (TESTS / file).read_text("utf-8") for file in read_costs(path) if (TESTS / file).exists()}
         costs = {
-            file: {name: cost_s for name, cost_s in read_costs(path)[file].items() if f"def {name}(" in text}
+            file: {name: cost_s for name, cost_s in read_costs(path)[file].items() if name in text}
             for file, text in texts.items()
         }
         for (file, name), times_s in self.spent.items():
