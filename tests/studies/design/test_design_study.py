@@ -78,10 +78,11 @@ def test_gain_of_an_apd_in_closed_form(tmp_path: Path) -> None:
 @pytest.mark.parametrize("probability", chosen(1, [0.9, 0.5]))
 def test_the_front_is_that_of_a_grid(tmp_path: Path, probability: float) -> None:
     """The front has at least 97 % of the hypervolume of all 60^3 designs; each design file is class 1 and detects at
-    200 m. Rationale: from this seed, steps by the slope of P_d itself, which is flat near 1, ended at 60 %.
+    200 m. Rationale: from this seed, steps by the slope of P_d itself, which is flat near 1, ended at 60 %. Of 28 seeds
+    one ended at 96 % after 300 evaluations, with gaps in its front, and after 450 none of eight below 99.8 %.
     """
     indicator = pytest.importorskip("pymoo.indicators.hv")
-    path = write(tmp_path, APERTURE.replace("60", "300\nseed = 1").replace("0.9", str(probability)))
+    path = write(tmp_path, APERTURE.replace("60", "450\nseed = 1").replace("0.9", str(probability)))
     numbers = numbers_of(path, tmp_path / "out")
     points = [[design["quantities"][name] for name in ("area", "power")] for design in numbers["front"]]
     grid = grid_points(probability)
