@@ -10,15 +10,16 @@ Symbols: p point, o origin, v velocity [m/s], w angular velocity [rad/s].
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from .arrays import Lanes, Numbers, xp
 from .box_tree import BoxTree
 from .pose import Pose, rotation_numbers
-from .trajectory import Motion, states_of
+from .trajectory import Motion, States, states_of
 from .vectors import Vector
 
 STEP_S = 5e-4
@@ -34,8 +35,12 @@ _TOGETHER = 4096
 # Place, quaternion, velocity, angular velocity, phase and level of a stride, padding: four neighbours are one load.
 _NUMBERS = 16
 
-Walk = Callable[[Numbers], Numbers]
-"""Phase and level of a walker's stride (`scene.walking`), (n, 2), at (n,) times."""
+
+class Walk(Protocol):
+    """Place of a walker in its stride over time (`scene.walking`)."""
+
+    def __call__(self, time_s: Numbers, states: States | None = None) -> Numbers:
+        """(n, 2) phase and level at (n,) times; ``states`` of its motion then, where they are known."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -166,24 +171,28 @@ class MotionTable:
         # All that a vehicle carries rides on it, and what a frame does not show rests: each motion once.
         distinct = list(dict.fromkeys(motions))
         table = np.zeros((len(distinct), steps + 1, _NUMBERS))
-        rotations = np.zeros((len(distinct), steps + 1, 3, 3))
+        parts = []
         # So many together as processors hold in their caches.
         many = max(_TOGETHER // len(times), 1)
         for part in (slice(first, first + many) for first in range(0, len(distinct), many)):
             rows, together = table[part], distinct[part]
             states = states_of(together, np.broadcast_to(times, (len(together), len(times))))
-            rotations[part] = states.rotation
+            parts.append(states)
             rows[:, :, :3], rows[:, :, 7:10], rows[:, :, 10:13] = (
                 states.position_m,
                 states.velocity_m_s,
                 states.turning_rad_s,
             )
+        states = States.joined(parts)
         table[:, :, :3] -= centre_m
-        table[:, :, 3:7] = _with_continuous_signs(_quaternion(rotations))
-        table = table[[distinct.index(motion) for motion in motions]]
-        for rows, walk in zip(table[len(table) - len(walks) :], walks, strict=True):
+        table[:, :, 3:7] = _with_continuous_signs(_quaternion(states.rotation))
+        row_of = {motion: row for row, motion in enumerate(distinct)}
+        own = [row_of[motion] for motion in motions]
+        table = table[own]
+        walkers = range(len(motions) - len(walks), len(motions))
+        for number, rows, walk in zip(walkers, table[walkers.start :], walks, strict=True):
             if walk is not None:
-                rows[:, 13:15] = walk(times)
+                rows[:, 13:15] = walk(times, states.taken(own[number]))
                 rows[:, 13] -= np.floor(rows[0, 13])  # small, for single precision
         boxes = None
         if carried_m is not None:

@@ -50,6 +50,11 @@ class States:
         """The states of one motion, or of several, of those that were computed together: (m, n, ...) arrays."""
         return States(**{name: getattr(self, name)[index] for name in _STATE_NAMES})
 
+    @classmethod
+    def joined(cls, parts: Sequence[States]) -> States:
+        """States of several groups of motions, one after the other."""
+        return cls(**{name: np.concatenate([getattr(each, name) for each in parts]) for name in _STATE_NAMES})
+
     def reshaped(self, shape: tuple[int, ...]) -> States:
         """The same states with other leading axes than one of instants."""
         values = {name: getattr(self, name) for name in _STATE_NAMES}
@@ -451,7 +456,7 @@ def states_of(motions: Sequence[Motion], time_s: Numbers) -> States:
             groups.append(kind(members, times))
     if len(groups) == 1:
         return groups[0]
-    return _joined(groups).taken(np.argsort([row for indices in rows.values() for row in indices]))
+    return States.joined(groups).taken(np.argsort([row for indices in rows.values() for row in indices]))
 
 
 def states_alone(motion: Motion, time_s: Numbers) -> States:
@@ -468,11 +473,6 @@ def _clipped_to_spans(motions: Sequence[_BeyondEnds], time_s: Numbers) -> Number
 def _stacked(states: Sequence[States]) -> States:
     """States of several motions at n instants each, as (m, n, ...)."""
     return States(**{name: np.stack([getattr(each, name) for each in states]) for name in _STATE_NAMES})
-
-
-def _joined(states: Sequence[States]) -> States:
-    """States of several groups of motions, one after the other."""
-    return States(**{name: np.concatenate([getattr(each, name) for each in states]) for name in _STATE_NAMES})
 
 
 def motion_in_frame(motion: Motion, start_s: float) -> Motion:
