@@ -10,6 +10,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated, Any, ClassVar, Literal, Unpack, cast, overload
@@ -546,21 +547,25 @@ class Simulator(HintedAttributes):
         limit, best = (max(pulses // self.sensor.scanner.pulses, 1) for pulses in (chunk, min(chunk, launch)))
         # Launches are alike: a few frames more cost less than a launch for the last of them.
         most = math.ceil(frames / max(round(frames / best), math.ceil(frames / limit), 1))
+        following = list[FrameOptions]()
         together = list[tuple[FrameOptions, Frame]]()
-        for number in range(options.number, options.number + (most if self.numbering.goes_together else 1)):
-            following = replace(options, number=number)
-            try:
-                if self._piece_at(following) != self._piece:
+        with suppress(InputError):  # raised when that frame is rendered
+            for number in range(options.number, options.number + (most if self.numbering.goes_together else 1)):
+                own = replace(options, number=number)
+                if self._piece_at(own) != self._piece:
                     break
-                frame = self._frame(following)
-            except InputError:  # raised when that frame is rendered
-                break
-            if together and not frame.goes_with(together[0][1]):
-                break
-            places = {is_far(each.goal(options.coordinates)) for each in (frame, *(own for _, own in together[:1]))}
-            if len(places) > 1:
-                break
-            together.append((following, frame))
+                following.append(own)
+        if not following:
+            return None
+        with suppress(InputError):
+            for own, frame in zip(following, self._frames(following), strict=True):
+                self._check_clearance(frame.place, frame.start_s, frame.standing())
+                first = together[0][1] if together else frame
+                if not frame.goes_with(first):
+                    break
+                if is_far(frame.goal(options.coordinates)) != is_far(first.goal(options.coordinates)):
+                    break
+                together.append((own, frame))
         return self._started(together, together[0][1].first_pulse) if together else None
 
     def _started(self, frames: Sequence[tuple[FrameOptions, Frame]], first: int) -> Launch:
@@ -739,9 +744,13 @@ class Simulator(HintedAttributes):
         return {name: values[:count] for name, values in transfer.fetch_columns(columns).items()}
 
     def _frame(self, options: FrameOptions) -> Frame:
-        frame = Frame.from_options(self.scene, self.sensor, self.world, options, pose=options.pose or self.pose)
-        self._check_clearance(frame.place, frame.start_s)
+        (frame,) = self._frames([options])
+        self._check_clearance(frame.place, frame.start_s, frame.standing())
         return frame
+
+    def _frames(self, options: Sequence[FrameOptions]) -> list[Frame]:
+        """Frames of these options, which differ in number only; no clearance is checked."""
+        return Frame.from_options(self.scene, self.sensor, self.world, options, pose=options[0].pose or self.pose)
 
     def _started_frame(self, options: FrameOptions) -> Frame | None:
         """Frame of these options that the device has already; None without one."""
@@ -768,10 +777,14 @@ class Simulator(HintedAttributes):
         scanner_s, _ = check_frame(self.scene, self.sensor.scanner, number=options.number, begin_s=options.begin_s)
         return piece_of(self.scene, options.begin_s + scanner_s)
 
-    def _check_clearance(self, place: Pose, start_s: float) -> None:
-        """Raise InputError for a sensor on or in a surface."""
+    def _check_clearance(self, place: Pose, start_s: float, standing: Mapping[Motion, Pose] | None = None) -> None:
+        """Raise InputError for a sensor on or in a surface; ``standing`` as for `Clearance.check`."""
         self.clearance.check(
-            place.position_m, radius_m=float(self.sensor.housing_m), time_s=start_s, sensor=self.sensor.name
+            place.position_m,
+            radius_m=float(self.sensor.housing_m),
+            time_s=start_s,
+            sensor=self.sensor.name,
+            standing=standing or {},
         )
 
     def _description(self, frame: Frame, options: FrameOptions) -> dict[str, Any]:
