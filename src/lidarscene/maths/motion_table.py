@@ -45,7 +45,7 @@ _TOGETHER = 4096
 _NUMBERS = 16
 
 
-class Walk(Protocol):
+class Strides(Protocol):
     """Place of a walker in its stride over time (`scene.walking`)."""
 
     def __call__(self, time_s: Numbers, states: States | None = None) -> Numbers:
@@ -148,7 +148,7 @@ class Travel:
     start_s: float
     length_s: float
     carried_m: Numbers | None = None
-    walks: Sequence[Walk | None] = ()
+    walks: Sequence[Strides | None] = ()
 
     @property
     def distinct(self) -> list[Motion]:

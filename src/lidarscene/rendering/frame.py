@@ -17,7 +17,7 @@ from ..errors import InputError
 from ..kernel.device import transfer
 from ..kernel.rays.kept_lanes import NO_PULSE
 from ..kernel.world.mitsuba_world import World, fixed_placement, motions_on_device, mover_boxes
-from ..maths.arrays import Numbers
+from ..maths.arrays import Array, Numbers, xp
 from ..maths.motion_table import MotionTable, MovingBodies, Placement, Travel
 from ..maths.pose import Pose
 from ..maths.random import ROLLOVERS, Seed
@@ -165,18 +165,20 @@ class Frame:
         """`PulseClock.before` of pulse 0 since the rollover."""
         return self._scanner.clock.before(self._earlier_pulses)
 
-    def departures(self, pulse: Numbers) -> tuple[Any, Any]:
+    def departures(self, pulse: Array, times_s: Array) -> tuple[Any, Any]:
         """Times [s] since the first pulse of their frame at which these pulses leave, (n,) on the device.
+
+        Args:
+            pulse: (n,) numbers on the device; `NO_PULSE` leaves with the first pulse
+            times_s: those of the pulses of a frame, on the device
 
         Returns:
             the times, and the number of the frame, counted from this one
         """
-        # Counted from the first frame's start: the same bits in every frame, so that they can be kept. Single precision
-        # is enough for times within a frame: 0.1 s to 7 ns, in which nothing goes anywhere.
-        start_s = self._scanner.time_s(np.zeros(1, np.uint32))
-        pulse = np.where(pulse >= NO_PULSE, np.uint32(self.first_pulse), pulse)
-        number, place = np.divmod(pulse - np.uint32(self.first_pulse), np.uint32(self._scanner.pulses))
-        return transfer.from_numpy(self._scanner.time_s(place) - start_s), transfer.whole_numbers(number)
+        ops = xp(pulse)
+        since = ops.where(pulse >= NO_PULSE, 0, ops.int32(pulse) - transfer.opaque(self.first_pulse))
+        number, place = ops.divmod(since, transfer.opaque(self._scanner.pulses))
+        return ops.take(times_s, place), number
 
     def placements(
         self, departures: Callable[[], tuple[Any, Any]], rays: int = 1

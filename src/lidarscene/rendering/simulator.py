@@ -62,7 +62,7 @@ from .render_options import (
     TraceOptions,
 )
 from .stages import Chain, Stages, TracedPaths
-from .tiles import LANES, PACKET, DevicePulses, Numbering
+from .tiles import LANES, PACKET, Numbering
 
 READ_COLUMNS = "status", collect.NAN_COLUMN, collect.PULSE_COLUMN
 """Columns that are read in NumPy also where the others stay on the device."""
@@ -630,7 +630,7 @@ class Simulator(HintedAttributes):
         retraced = kept_lanes.Retraced.from_lanes(several, mask)
         pulse = retraced.pulses(part.pulse)
         blocks.share_out(len(pulse) * self.trace.rays)
-        traced = self._chain(frame, DevicePulses(pulse, lambda: frame.departures(pulse.numpy())), seed, lines=lines)
+        traced = self._chain(frame, self.numbering.chosen(frame, pulse), seed, lines=lines)
         transfer.wait()
         blocks.rest()
         return replace(traced, retraced=retraced, twice=several is not lanes)
@@ -694,9 +694,8 @@ class Simulator(HintedAttributes):
         whole = self.numbering.whole
         before = first % whole
         traced = -(-(before + count) // whole) * whole
-        numbers = np.arange(first - before, first - before + traced, dtype=np.uint32)
         blocks.share_frame(traced * self.trace.rays)
-        pulses = DevicePulses(transfer.counter(first - before, traced), lambda: frame.departures(numbers))
+        pulses = self.numbering.chosen(frame, transfer.counter(first - before, traced))
         train = cast(EchoTrain, transfer.fetch(self._stages.pulse_train(frame, pulses, seed)))
         return train if traced == count else train.part(before, count, of=traced)
 

@@ -27,7 +27,7 @@ from ..materials.material import Material
 from ..materials.material_file import catalogue_material
 from ..maths.arrays import Numbers, frozen
 from ..maths.attributes import HintedAttributes
-from ..maths.motion_table import Walk
+from ..maths.motion_table import Strides
 from ..maths.pose import Pose, direction_from_angles
 from ..maths.trajectory import ALWAYS, CLOCK_ROUNDING_S, Motion, Riding, motion_in_frame, pose_at
 from ..maths.units import FileKey, Quantity
@@ -217,7 +217,7 @@ class Body(HintedAttributes):
         first_s, last_s = self.present_s
         return not self.away and first_s - CLOCK_ROUNDING_S <= time_s <= last_s + CLOCK_ROUNDING_S
 
-    def walk_in_frame(self, start_s: float) -> Walk | None:
+    def walk_in_frame(self, start_s: float) -> Strides | None:
         """Return what gives phase and level at times of a frame that begins at ``start_s``; None: rigid."""
         if self.gait is None or self.motion is None:
             return None
