@@ -16,6 +16,7 @@ import signal
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -488,18 +489,8 @@ def read_scenario(path: Path) -> Scenario:
 def drawn_scenario(source: str, network: Path, routes: Path, *, seed: int, last_s: float) -> Scenario:
     """Return the simulation of drawn trips through the network of a map."""
     options = {"--step-length": STEP_S, "--lanechange.duration": LANE_CHANGE_S, "--seed": seed, "--end": last_s}
-    arguments = [
-        "-n",
-        str(network),
-        "-r",
-        str(routes),
-        "--ignore-route-errors",
-        "--no-warnings",
-        "--time-to-teleport",
-        "-1",
-    ]
-    for option, value in options.items():
-        arguments += [option, f"{value:g}"]
+    arguments = ["-n", str(network), "-r", str(routes), "--ignore-route-errors", "--no-warnings"]
+    arguments += ["--time-to-teleport", "-1", *(text for key in options for text in (key, f"{options[key]:g}"))]
     return Scenario(source, network, tuple(arguments), _types([routes]))
 
 
@@ -532,11 +523,9 @@ def simulate(scenario: Scenario, *, ego: str | None, shown_m: float, folder: Pat
         more = f", and {len(dropped) - 1} more" if len(dropped) > 1 else ""
         warn(OptionWarning("{0}: sumo left out vehicles or people: {1}{2}", scenario.source, dropped[0], more))
     if ego is None:
-        counts: dict[str, int] = {}
-        for _, things in _steps(output):
-            for thing in things:
-                if thing.tag == "vehicle":
-                    counts[thing.get("id", "")] = counts.get(thing.get("id", ""), 0) + 1
+        counts = Counter(
+            thing.get("id", "") for _, things in _steps(output) for thing in things if thing.tag == "vehicle"
+        )
         ego = max(counts, key=lambda name: counts[name], default="")
     found: RoadUser | None = None
     others: list[RoadUser] = []
