@@ -19,7 +19,7 @@ from ..ground_area import Outline
 from .islands import islands_between_m, kerbed_corner_m, ring_island_m
 from .layout import EAVES_M, KERB_M, POST_LINE_M, Room, spaced
 from .pieces import FOOT_M, PAINT_M, RAISED_M, Tables, box_places_m, ground, placed, sheet, soil, street_scene
-from .polylines import along, on_line, way_length_m, ways_m
+from .polylines import along, beside, on_line, poses_along, way_length_m, ways_m
 from .shapes import (
     BUSH_ASIDE_M,
     BUSH_SPACING_M,
@@ -208,10 +208,7 @@ def _places_on_lanes(network: Network) -> list[Numbers]:
 def _places_across(group: LaneGroup, way_m: float) -> Numbers:
     """(n, 3) places across lanes, some two metres apart."""
     left_m = np.linspace(-0.5, 0.5, 2 + int(group.width_m / PLACES_M)) * group.width_m
-    ((x_m, y_m, heading),) = along(group.line_m, np.array([way_m])).tolist()
-    rise_m = np.interp(way_m, ways_m(group.line_m), group.line_m[:, 2])
-    places = x_m - left_m * math.sin(heading), y_m + left_m * math.cos(heading), np.full(len(left_m), rise_m)
-    return np.stack(places, axis=1)
+    return beside(group.line_m, np.full(len(left_m), way_m), left_m)
 
 
 def _places_on_areas(network: Network) -> list[Numbers]:
@@ -401,12 +398,6 @@ def _piers(network: Network, relief: Relief, terrain: Terrain) -> list[Tables]:
     return piers
 
 
-def _marks(line_m: Numbers, way_m: Numbers, left_m: float = 0.0, turn_deg: float = 0.0) -> list[Tables]:
-    """Poses of markings along a line."""
-    places = along(line_m, way_m, left_m).tolist()
-    return [placed(x_m, y_m, PAINT_M, math.degrees(heading) + turn_deg) for x_m, y_m, heading in places]
-
-
 def _markings(network: Network, relief: Relief, islands: Sequence[Island]) -> list[Tables]:
     """Lines at the edges of roads and between lanes, stop lines, and zebras at crossings; none below bridges."""
     keys: Tables = {"spacing_m": MARK_SPACING_M, "on_ground": True}
@@ -429,10 +420,10 @@ def _markings(network: Network, relief: Relief, islands: Sequence[Island]) -> li
         way_m = np.arange(0.5 * DASHES_M, length_m - 0.5 * DASHES_M, DASHES_M)
         way_m = way_m[~relief.has_storey(on_line(group.line_m, way_m), above=True, beside_m=UNDER_M)]
         for border_m in np.cumsum(group.widths_m)[:-1].tolist():
-            dashes = _marks(group.line_m, way_m, border_m - 0.5 * group.width_m)
+            dashes = poses_along(group.line_m, way_m, border_m - 0.5 * group.width_m, z_m=PAINT_M)
             marks.setdefault(("dashes", DASH_M, LINE_M), []).extend(dashes)
         if group.ends_at_lights:
-            stop = _marks(group.line_m, np.array([length_m - 0.4]))
+            stop = poses_along(group.line_m, np.array([length_m - 0.4]), z_m=PAINT_M)
             marks.setdefault(("stop_lines", 0.3, round(group.width_m - 2.0 * ASIDE_M, 2)), []).extend(stop)
     raised = [*network.corners, *(island_m for island_m, _ in islands)]
     pavements = [Outline(corner_m=corners_m, spacing_m=SPACING_M) for corners_m in raised]
@@ -448,7 +439,7 @@ def _markings(network: Network, relief: Relief, islands: Sequence[Island]) -> li
             for places_m in [box_places_m((x_m, y_m, heading, 0.5 * STRIPE_M, 0.5 * stripe_m), MARK_SPACING_M)]
             for beside in [((low_m < places_m.max(axis=0)) & (high_m > places_m.min(axis=0))).all(axis=1)]
         ]
-        stripes = _marks(shape_m, way_m[np.array(off_kerb, dtype=bool)], 0.0, 90.0)
+        stripes = poses_along(shape_m, way_m[np.array(off_kerb, dtype=bool)], z_m=PAINT_M, turn_deg=90.0)
         marks.setdefault(("zebras", stripe_m, STRIPE_M), []).extend(stripes)
     for number, ((name, *size_m), places) in enumerate(marks.items()):
         if places:
@@ -497,8 +488,9 @@ class _Roadside:
             boxes.append(np.array([[*0.5 * (low_m + high_m), 0.0, *0.5 * (high_m - low_m)]]))
         self._roads, self._room = Room(np.concatenate(boxes)), Room(np.concatenate(boxes))
 
-    def _add(self, name: str, place: Tables) -> None:
-        self.items.setdefault(name, []).append(place)
+    def _add(self, name: str, *places: Tables) -> None:
+        for place in places:
+            self.items.setdefault(name, []).append(place)
 
     def lights(self, network: Network) -> None:
         """Place traffic lights where lanes end at them, to the right of these and of cycle paths beside them."""
@@ -507,9 +499,8 @@ class _Roadside:
                 beside = [each for each in network.groups if each.edge == group.edge and each.kind == "cycle_path"]
                 aside_m = 0.5 * group.width_m + sum(each.width_m for each in beside) + POST_LINE_M
                 way_m = np.array([max(way_length_m(group.line_m) - 0.5, 0.0)])
-                ((x_m, y_m, heading),) = along(group.line_m, way_m, -aside_m).tolist()
-                self._room.take(np.array([[x_m, y_m, heading, 0.2, 0.2]]))
-                self._add("lights", placed(x_m, y_m, 0.0, math.degrees(heading) + 180.0))
+                self._room.take(np.hstack([along(group.line_m, way_m, -aside_m), [[0.2, 0.2]]]))
+                self._add("lights", *poses_along(group.line_m, way_m, -aside_m, turn_deg=180.0))
 
     def parapets(self, group: LaneGroup, relief: Relief) -> None:
         """Place guard rails on both sides of a road where it passes over another."""
@@ -519,8 +510,7 @@ class _Roadside:
         way_m = way_m[relief.has_storey(on_line(group.line_m, way_m), above=False, beside_m=OVER_M)]
         for side in (-1.0, 1.0):
             left_m = side * (0.5 * group.width_m - 0.5 * ASIDE_M)
-            for x_m, y_m, heading in along(group.line_m, way_m, left_m).tolist():
-                self._add("guard_rails", placed(x_m, y_m, 0.0, math.degrees(heading) - 90.0 * side))
+            self._add("guard_rails", *poses_along(group.line_m, way_m, left_m, turn_deg=-90.0 * side))
 
     def rails(self, group: LaneGroup, side: float) -> None:
         """Place guard rails along one side of a fast road, where nothing else is."""

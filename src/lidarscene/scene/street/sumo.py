@@ -322,28 +322,16 @@ def read_network(path: Path) -> Network:
 def _groups(edge: Any) -> Iterator[LaneGroup]:
     """Yield the lanes of an edge, those of one kind side by side together."""
     ends_at_lights = "traffic_light" in edge.getToNode().getType()
-    together: list[Any] = []
-
-    def group() -> LaneGroup:
-        shapes = [np.array(lane.getShape3D()) for lane in together]
-        widths = tuple(float(lane.getWidth()) for lane in together)
+    alike = itertools.groupby(edge.getLanes(), key=lambda lane: (_kind(lane), len(lane.getShape3D())))
+    for (kind, _), together in alike:
+        if kind is None:
+            continue
+        shapes, widths = zip(*((np.array(lane.getShape3D()), float(lane.getWidth())) for lane in together), strict=True)
         apart_m = sum(widths) - 0.5 * (widths[0] + widths[-1])
         # The middle of all lanes between those of the first and of the last.
         share = (0.5 * sum(widths) - 0.5 * widths[0]) / apart_m if apart_m > 0.0 else 0.0
-        line_m = shapes[0] + share * (shapes[-1] - shapes[0])
-        kind = _kind(together[0])
-        assert kind is not None
-        return LaneGroup(kind, _without_repeats(line_m), widths, edge.getID(), ends_at_lights, edge.getSpeed())
-
-    for lane in edge.getLanes():
-        fits = together and _kind(lane) == _kind(together[0])
-        if together and not (fits and len(lane.getShape3D()) == len(together[0].getShape3D())):
-            yield group()
-            together = []
-        if _kind(lane) is not None:
-            together.append(lane)
-    if together:
-        yield group()
+        line_m = _without_repeats(shapes[0] + share * (shapes[-1] - shapes[0]))
+        yield LaneGroup(kind, line_m, widths, edge.getID(), ends_at_lights, edge.getSpeed())
 
 
 def _kind(lane: Any) -> LaneKind | None:
