@@ -189,7 +189,9 @@ def test_the_sensor_is_over_the_roof_of_its_vehicle(town: tuple[Path, Path]) -> 
         tables = network_scene(town[0], "sumo", StreetFile(), ego=name)
         (own,) = (body for body in tables["bodies"] if body["name"] == "own_car")
         height_m = trimesh.load(own["mesh"]).extents[1]
-        assert 0.2 < tables["sensor"]["position_m"][2] - height_m < 0.4
+        *middle_m, place_m = tables["sensor"]["position_m"]
+        assert middle_m == [0.0, 0.0]
+        assert 0.2 < place_m - height_m < 0.4
 
 
 def test_a_drawn_town_has_hills_lights_and_a_roundabout_at_which_vehicles_turn(drawn: Tables) -> None:
