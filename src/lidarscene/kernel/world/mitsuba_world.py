@@ -532,7 +532,7 @@ def _held(walk: Walk | None, time_s: float) -> Walk | None:
     if walk is None:
         return None
     place = walk(np.array([time_s]))
-    return lambda times: np.broadcast_to(place, (len(times), 2))
+    return lambda time_s, states=None: np.broadcast_to(place, (len(time_s), 2))
 
 
 def fixed_placement(pose: Pose, centre_m: Numbers) -> Placement:
