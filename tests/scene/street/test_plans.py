@@ -244,6 +244,16 @@ def test_people_walk_as_far_to_the_one_end_of_a_block_as_to_the_other() -> None:
             assert driven.WALK_M_S[0] <= paces[0] <= driven.WALK_M_S[1]
 
 
+def test_vehicles_begin_eight_metres_apart_whatever_their_lengths() -> None:
+    keys = {"ahead": 5, "behind": 5, "bend_deg": (0.0, 0.0), "oncoming_gap_m": (5.0, 10.0)}
+    layout, lengths_m = laid.lay_out(StreetFile(length_m=60.0, shown_m=50.0, **keys)), []
+    for seed in range(20):
+        for lane in driven._fill_lanes(layout, np.random.default_rng(seed)):
+            assert (-np.diff(lane.front_m) - lane.lengths_m[:-1]).min() > 8.0 - 1e-9
+            lengths_m += lane.lengths_m.tolist()
+    assert max(lengths_m) > 14.0
+
+
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
 def test_what_stands_by_a_kerb_looks_at_the_road_and_has_room(seed: int) -> None:
     """Lamps and bins look at the lanes, signs at those who come; crowns end before the houses, and these before the
@@ -363,9 +373,12 @@ def test_the_island_of_a_ring_reaches_its_lanes_and_fills_the_gaps() -> None:
 
 @pytest.mark.parametrize("turned", [1, -1])
 def test_a_corner_has_kerbs_along_the_road_and_nowhere_else(turned: int) -> None:
-    """A pavement with the road to its south and east: 0.15 m are taken off both sides, and they are one kerb."""
-    pavement_m = np.array([[0.0, 0, 0], [2, 0, 0], [4, 0, 0], [4, 3, 0], [0, 3, 0]])[::turned]
-    junction = Outline(corner_m=np.array([[0.0, -9, 0], [9, -9, 0], [9, 3, 0], [4, 3, 0], [0, 3, 0]]), spacing_m=1.0)
+    """A pavement with the road on two sides: 0.15 m are taken off both sides, and they are one kerb."""
+    # In no direction of the axes.
+    turn = np.array([[0.8, 0.6, 0.0], [-0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
+    pavement_m = np.array([[0.0, 0, 0], [2, 0, 0], [4, 0, 0], [4, 3, 0], [0, 3, 0]])[::turned] @ turn
+    corner_m = np.array([[0.0, -9, 0], [9, -9, 0], [9, 3, 0], [4, 3, 0], [0, 3, 0]]) @ turn
+    junction = Outline(corner_m=corner_m, spacing_m=1.0)
     inner_m, (kerb_m,) = kerbed_corner_m(pavement_m, junction)
     assert area_m2(inner_m) == pytest.approx((4 - laid.KERB_M) * (3 - laid.KERB_M))
     assert area_m2(kerb_m) == pytest.approx(12.0 - (4 - laid.KERB_M) * (3 - laid.KERB_M))

@@ -18,7 +18,7 @@ from ..ground import SPACING_M, Strip
 from ..ground_area import Outline
 from .islands import islands_between_m, kerbed_corner_m, ring_island_m
 from .layout import EAVES_M, KERB_M, POST_LINE_M, Room, spaced
-from .pieces import FOOT_M, PAINT_M, RAISED_M, Tables, box_places_m, ground, placed, sheet, soil, street_scene
+from .pieces import FOOT_M, PAINT_M, RAISED_M, Tables, box_places_m, ground, placed, rounded, sheet, soil, street_scene
 from .polylines import along, beside, on_line, poses_along, way_length_m, ways_m
 from .shapes import (
     BUSH_ASIDE_M,
@@ -314,20 +314,15 @@ def _strip(
             break
         number = int(np.argmin(np.hypot(*(kept_m - corner_m)[:, :2].T)))
         kept_m = np.delete(kept_m, min(max(number, 1), len(kept_m) - 2), axis=0)
-    sizes = {"line": _rounded(kept_m), "width_m": round(width_m, 3), "offset_m": round(offset_m, 3)}
+    sizes = {"line": rounded(kept_m), "width_m": round(width_m, 3), "offset_m": round(offset_m, 3)}
     return ground(name, class_name, material, **sizes, **keys)
-
-
-def _rounded(points_m: Numbers) -> list[list[float]]:
-    """Points to a millimetre, as a file has them."""
-    return [[round(number, 3) + 0.0 for number in point] for point in points_m.tolist()]
 
 
 def _area(name: str, class_name: str, material: str, corners_m: Numbers, **keys: Any) -> list[Tables]:
     """Ground within an outline; none where that crosses itself or is as thin as a line."""
-    if not Outline(corner_m=np.array(_rounded(corners_m)), spacing_m=SPACING_M).is_usable():
+    if not Outline(corner_m=np.array(rounded(corners_m)), spacing_m=SPACING_M).is_usable():
         return []
-    return [ground(name, class_name, material, outline=_rounded(corners_m), **keys)]
+    return [ground(name, class_name, material, outline=rounded(corners_m), **keys)]
 
 
 def _grounds(network: Network, islands: Sequence[Island]) -> list[Tables]:

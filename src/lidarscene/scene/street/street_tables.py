@@ -23,7 +23,7 @@ from ...files.overrides import toml_entry, toml_text
 from ...maths.arrays import Numbers
 from ..derived import merged
 from .layout import CROSS_HALF_M, CROSS_REACH_M, KERB_M, STOP_LINE_M, ZEBRA_M, Block, Layout, Place, lay_out
-from .pieces import FOOT_M, PAINT_M, RAISED_M, Tables, ground, placed, sheet, soil, street_scene
+from .pieces import FOOT_M, PAINT_M, RAISED_M, Tables, ground, placed, rounded, sheet, soil, street_scene
 from .shapes import PEOPLE, WALKERS, moving_table, own_table, shapes, standing_table
 from .street_file import StreetFile
 from .terrain import PLACES_M, SOIL_BLUR_M, Relief, Terrain
@@ -166,10 +166,10 @@ def scene_text(tables: Mapping[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _along(layout: Layout, x_m: float, y_m: float, z_m: float = 0.0, yaw_deg: float = 0.0) -> Tables:
-    """Pose at a place of the street, turned against it."""
+def _along(layout: Layout, x_m: float, y_m: float, z_m: float = 0.0, yaw_deg: float = 0.0, *tilt_deg: float) -> Tables:
+    """Pose at a place of the street, turned against it, with pitch and roll."""
     ((east_m, north_m, heading),) = layout.line.at(np.array([x_m]), np.array([y_m])).tolist()
-    return placed(east_m, north_m, z_m, yaw_deg + math.degrees(heading))
+    return placed(east_m, north_m, z_m, yaw_deg + math.degrees(heading), *tilt_deg)
 
 
 def _places_on_roads(layout: Layout) -> Numbers:
@@ -202,9 +202,8 @@ def _stood(layout: Layout, terrain: Terrain | None, name: str, place: Place) -> 
         width_m, front_m, _ = catalog.shipped_meshes()[shapes()[name].mesh]["plot_m"]
         ((east_m, north_m, heading),) = layout.line.at(np.array([x_m]), np.array([y_m])).tolist()
         return _along(layout, x_m, y_m, terrain.lowest_m((east_m, north_m, heading, 0.5 * width_m, front_m)), yaw_deg)
-    pitch_deg, roll_deg = layout.tilt_deg(np.array([x_m]), np.array([yaw_deg]))[0].tolist()
-    tilted = {"pitch_deg": round(pitch_deg, 2), "roll_deg": round(roll_deg, 2)} if name.startswith(TILTED) else {}
-    return _along(layout, x_m, y_m, 0.0, yaw_deg) | {key: angle for key, angle in tilted.items() if angle}
+    tilt_deg = layout.tilt_deg(np.array([x_m]), np.array([yaw_deg]))[0] if name.startswith(TILTED) else ()
+    return _along(layout, x_m, y_m, 0.0, yaw_deg, *tilt_deg)
 
 
 def _poses(layout: Layout, track: Track, *, tilts: bool = True) -> list[Tables]:
@@ -261,9 +260,8 @@ def _strip(
     class_name, material = STRIPS[kind]
     side = {1.0: "_left", -1.0: "_right"}.get(math.copysign(1.0, offset_m) if offset_m else 0.0, "")
     points = layout.line.points_m(block.begin_m, block.end_m, layout.profile)
-    line = [[round(number_m, 4) for number_m in point] for point in points.tolist()]
-    sizes = {"width_m": round(width_m, 3), "offset_m": round(offset_m, 4)}
-    return ground(f"{kind}_{number}{side}", class_name, material, line=line, **sizes, **keys)
+    sizes = {"line": rounded(points, 4), "width_m": round(width_m, 3), "offset_m": round(offset_m, 4)}
+    return ground(f"{kind}_{number}{side}", class_name, material, **sizes, **keys)
 
 
 def _grounds(layout: Layout) -> list[Tables]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...maths.arrays import Numbers
-from .pieces import SOIL_M, Tables, box_places_m, ground, soil_tiles
+from .pieces import SOIL_M, Tables, box_places_m, ground, rounded, soil_tiles
 
 PLACES_M = 2.0
 """Accuracy bought: distance of the places on roads that a relief is fitted to."""
@@ -145,9 +145,8 @@ class Terrain:
         for number, tile_m in enumerate(self.tiles_m):
             i, j = np.round((tile_m - 0.5 * SOIL_M - self.corner_m) / STEP_M).astype(int)
             heights_m = self.nodes_m[i : i + cells + 1, j : j + cells + 1]
-            rows = [[round(height_m, 2) + 0.0 for height_m in row] for row in heights_m.tolist()]
             keys = {"position_m": [*tile_m.tolist(), 0.0], "spacing_m": STEP_M, "size_m": [SOIL_M, SOIL_M]}
-            bodies.append(ground(f"soil_{number}", "terrain", "soil", **keys, heights_m=rows))
+            bodies.append(ground(f"soil_{number}", "terrain", "soil", **keys, heights_m=rounded(heights_m, 2)))
         return bodies
 
 
