@@ -464,10 +464,11 @@ def _ground_below(ground: Ground, place_m: Numbers, where: str) -> Numbers:
 
 def _places(body: BodyFile) -> list[tuple[str, Pose]]:
     """Name and pose of the body, or of each of its instances."""
+    pose = body.pose()
     if body.instances is None:
-        return [(body.name, body.pose())]
+        return [(body.name, pose)]
     return [
-        (instance.name or f"{body.name}.{index}", body.pose() @ instance.pose())
+        (instance.name or f"{body.name}.{index}", pose @ instance.pose())
         for index, instance in enumerate(body.instances)
     ]
 
