@@ -357,6 +357,11 @@ def test_an_island_fills_the_room_between_lanes_that_spread() -> None:
     (island_m,) = islands_between_m(there, back)
     assert area_m2(island_m) == pytest.approx(20.0 * (2.0 + 2.0 * LAP_M), rel=0.01)
     assert np.abs(island_m[:, 1]).max() == pytest.approx(1.5 + LAP_M, abs=0.01)
+    # Between arcs around one middle, too, with lanes 3 m wide.
+    angle = np.linspace(0.0, 1.0, 40)
+    arc_m = [r * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1) for r in (30.0, 25.0)]
+    (island_m,) = islands_between_m(road(arc_m[0].tolist()), road(arc_m[1][::-1].tolist()))
+    assert area_m2(island_m) == pytest.approx(0.5 * ((28.5 + LAP_M) ** 2 - (26.5 - LAP_M) ** 2), rel=0.01)
     for right_m, left_m in ((-1.5, 1.5), (-9.0, 1.5), (3.0, -3.0)):
         lanes = road([(0, right_m, 0), (20, right_m, 0)]), road([(20, left_m, 0), (0, left_m, 0)])
         assert not list(islands_between_m(*lanes))
