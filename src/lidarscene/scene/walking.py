@@ -75,12 +75,17 @@ class Gait:
         Returns:
             None where nothing bears: no vertex near the ground moves
         """
-        vertices_m = np.concatenate(strides_m, axis=1)
-        height_m = vertices_m[:, :, 2]
-        ground_m = float(height_m.min())
-        bears = height_m <= ground_m + _SOLE_SHARE * float(height_m.max() - ground_m)
+        heights_m = [stride_m[:, :, 2] for stride_m in strides_m]
+        ground_m = min(float(each.min()) for each in heights_m)
+        low_m = ground_m + _SOLE_SHARE * (max(float(each.max()) for each in heights_m) - ground_m)
+        # Few vertices ever bear.
+        soles_m = np.concatenate(
+            [stride_m[:, (each <= low_m).any(axis=0)] for stride_m, each in zip(strides_m, heights_m, strict=True)],
+            axis=1,
+        )
+        bears = soles_m[:, :, 2] <= low_m
         bears = bears[:-1] & bears[1:]
-        gone_m = np.diff(vertices_m, axis=0)[:, :, :2]
+        gone_m = np.diff(soles_m, axis=0)[:, :, :2]
         steps_m = [np.median(way_m[flags], axis=0) for way_m, flags in zip(gone_m, bears, strict=True) if flags.any()]
         back_m = len(gone_m) * np.median(steps_m, axis=0) if steps_m else np.zeros(2)
         stride_m = float(np.hypot(*back_m))
