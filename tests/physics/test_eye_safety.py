@@ -213,9 +213,3 @@ def test_wavelengths_beyond_the_tables(nm: float) -> None:
 def test_durations_beyond_the_tables(duration_s: float) -> None:
     with pytest.raises(ValueError, match="emission duration"):
         energy(905, duration_s)
-
-
-@pytest.mark.parametrize(("nanometres", "factor"), [(650, 1.0), (900, 10.0**0.4), (1020, 10.0**0.64), (1060, 5.0)])
-def test_less_is_absorbed_in_the_retina_of_longer_waves(nanometres: float, factor: float) -> None:
-    """C4 of table 9: up to 700 nm, up to 1050 nm and beyond."""
-    assert iec.c4(wavelength_m=1e-9 * nanometres) == pytest.approx(factor)

@@ -1,7 +1,5 @@
 """The paper reproduced: what its figures show and its claims come to; test_claims.py has their numbers."""
 
-import re
-
 import numpy as np
 import pytest
 from helpers.paper_results import results
@@ -60,15 +58,6 @@ def test_figures_have_axes_with_units_and_columns_with_names():
 def test_claim(claims, word, verdict):
     (claim,) = [candidate for candidate in claims if word in candidate.says]
     assert claim.verdict == verdict
-
-
-def test_every_claim_has_a_number(claims):
-    assert len(claims) >= 35
-    for claim in claims:
-        assert re.search(r"\d", claim.found), claim.says
-        assert claim.verdict
-        assert "nan" not in f"{claim.found} {claim.verdict}".split()
-    assert len({claim.says for claim in claims}) == len(claims)
 
 
 # --- page -------------------------------------------------------------------------------------------
