@@ -188,7 +188,8 @@ def _sequence_calibration() -> list[str]:
 def _write_sequence(root: Path, folder: Path, frame: int, cloud: PointCloud) -> None:
     """Write calibration, time and pose of a frame of a sequence."""
     sensor_pose = sensor_place(cloud)
-    _write_text(folder / "calib.txt", _sequence_calibration())
+    if not frame or not (folder / "calib.txt").exists():
+        _write_text(folder / "calib.txt", _sequence_calibration())
     _write_line(folder / "times.txt", frame, f"{cloud.frame_start_s:.9e}")
     for poses in (folder / "poses.txt", root / "poses" / f"{folder.name}.txt"):
         _write_line(poses, frame, camera_pose(sensor_pose))
@@ -203,10 +204,20 @@ def camera_pose(sensor_pose: Pose) -> str:
 
 def _write_line(path: Path, frame: int, line: str) -> None:
     """Write this line as number ``frame`` of a file, after those of the earlier frames."""
-    earlier_lines = path.read_text(encoding="ascii").splitlines()[:frame] if frame and path.exists() else []
-    if len(earlier_lines) != frame:
-        raise InputError(f"{path}: must have {frame} lines before this frame, got {len(earlier_lines)}")
-    _write_text(path, [*earlier_lines, line])
+    text = path.read_text(encoding="ascii") if frame and path.exists() else ""
+    lines = text.count("\n")
+    if lines < frame:
+        raise InputError(f"{path}: must have {frame} lines before this frame, got {lines}")
+    if frame and lines == frame and text.endswith("\n"):
+        # A line in one piece: to write all of them anew, and wait for the disk, would take a long run most of its time.
+        name_path_in_errors(path, _append_line)(path, line)
+        return
+    _write_text(path, [*text.splitlines()[:frame], line])
+
+
+def _append_line(path: Path, line: str) -> None:
+    with open(path, "a", encoding="ascii") as file:
+        file.write(line + "\n")
 
 
 def _write_text(path: Path, lines: list[str]) -> None:

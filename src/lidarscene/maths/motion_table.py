@@ -269,7 +269,8 @@ class MotionTable:
 
     def at_start(self) -> tuple[Numbers, Numbers]:
         """(motions, 3) places in the traced frame and (motions, 3, 3) rotations, as the first frame begins; NumPy."""
-        numbers = np.asarray(self.table).reshape(-1, int(self.last) + 1, _NUMBERS)[: int(self.count), 0, :7].T
+        instants, table = int(np.asarray(self.last)) + 1, np.asarray(self.table)
+        numbers = table.reshape(-1, instants, _NUMBERS)[: int(np.asarray(self.count)), 0, :7].T
         return numbers[:3].T, np.stack(rotation_numbers(*numbers[3:]), axis=-1).reshape(-1, 3, 3)
 
     def goes_with(self, other: MotionTable) -> bool:

@@ -182,8 +182,6 @@ class Ride:
 
         They are the heights below the wheels [m], and the accelerations ahead and to the left [m/s2].
         """
-        if not rides:
-            return
         time_s, half = np.stack(nodes) * STEP_S, 0.5 * STEP_S
         paths = states_of(
             [ride.path for ride, _, _ in rides] * 3, np.concatenate([time_s, time_s + half, time_s - half])
