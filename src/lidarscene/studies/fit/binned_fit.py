@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -131,23 +132,12 @@ def solve(
         rises = np.subtract(*np.split(laws(np.vstack([above, below])), 2)) / np.diag(above - below)[:, None]
         return np.vstack([rises.T * root[:, None], np.diag(1.0 / width)])
 
+    rules: dict[str, Any] = {"x_scale": "jac", "max_nfev": MOST_STEPS, "xtol": 1e-5, "ftol": 1e-4}
     sigma, misfit, weight = spread(places[0]), np.full_like(recorded.value, first_misfit), np.ones_like(recorded.value)
     for number in range(ROUNDS):  # misfit and weights follow from the residuals, which follow from the weights
         root, ends = np.sqrt(weight) / np.hypot(sigma, misfit), []
         for place in places:
-            ends.append(
-                least_squares(
-                    residuals,
-                    place,
-                    jac=slopes,
-                    bounds=bounds,
-                    x_scale="jac",
-                    max_nfev=MOST_STEPS,
-                    xtol=1e-5,
-                    ftol=1e-4,
-                    args=(root,),
-                )
-            )
+            ends.append(least_squares(residuals, place, slopes, bounds, args=(root,), **rules))
             if number == 0 and _decides(ends[0].cost, ends[0].jac):
                 break
         found = min(ends, key=lambda end: float(end.cost))

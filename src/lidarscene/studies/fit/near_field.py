@@ -14,6 +14,7 @@ import math
 import operator
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -231,15 +232,8 @@ def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> Near
     bounds = np.array([(y.min() - 2.0, y.max() + 2.0), knee_bounds, np.log(SPOT_BOUNDS)])[:parameters].T
 
     def near_field(curve: Curve | None, start: Numbers, bounds: Numbers, prior: Numbers | None = None) -> NearField:
-        solved = solve(
-            binned,
-            lambda places: _laws(curve, places, x),
-            start,
-            bounds,
-            step=CURVE_STEP,
-            prior=prior,
-            first_misfit=FIRST_MISFIT,
-        )
+        rules: dict[str, Any] = {"step": CURVE_STEP, "prior": prior, "first_misfit": FIRST_MISFIT}
+        solved = solve(binned, lambda places: _laws(curve, places, x), start, bounds, **rules)
         return NearField(
             range_m=np.exp(x),
             white_m2=np.exp(y),
