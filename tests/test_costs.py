@@ -31,6 +31,10 @@ def test_of_cases(case):
     work(0.15)
 
 
+def test_that_waits():
+    time.sleep(0.5)
+
+
 def test_of_light_work():
     work(0.01)
 
@@ -67,17 +71,15 @@ def run(folder: Path, *files: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_costly_functions_are_written(tmp_path: Path) -> None:
-    """Cases count together, and a fixture in equal shares. Files that did not run stay as they were, while they are
-    there.
-    """
+    """Cases count together, a fixture in equal shares, waiting as work. What did not run stays while it is there."""
     (tmp_path / "test_a.py").write_text(TESTS)
     (tmp_path / "test_b.py").write_text("def test_b(): pass")
-    (tmp_path / "test_c.py").write_text("")
-    lines = ("test_b.py: test_b=3.0", "test_c.py: test_c=2.0", "test_d.py: test_gone=1.0")
+    (tmp_path / "test_c.py").write_text("def test_c(): pass")
+    lines = ("test_b.py: test_b=3.0", "test_c.py: test_c=2.0 test_gone=4.0", "test_d.py: test_gone=1.0")
     (tmp_path / "costly").write_text("\n".join(lines))
     assert_ended(run(tmp_path, "test_a.py", "test_b.py"))
     costs = part.read_costs(tmp_path / "costly")
     assert costs.pop("test_c.py") == {"test_c": 2.0}
     assert costs.keys() == {"test_a.py"}
-    assert costs["test_a.py"].keys() == {"test_of_cases", "test_that_shares", "test_that_shares_too"}
+    assert costs["test_a.py"].keys() == {"test_of_cases", "test_that_waits", "test_that_shares", "test_that_shares_too"}
     assert all(seconds >= 0.4 for seconds in costs["test_a.py"].values())

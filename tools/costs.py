@@ -1,41 +1,48 @@
 #!/usr/bin/env python3
-"""The CPU that each test takes, by which `make quick` leaves out what takes much (tests/helpers/part.py).
+"""The time that each test takes, by which `make quick` leaves out what takes much (tests/helpers/part.py).
 
-    tools/costs.py [TESTS...]      runs these tests (default: all) in one process and writes tests/costly anew
+    tools/costs.py [TESTS...]      runs these tests (default: all) in one process and writes their costs in tests/costly
+    tools/costs.py --part=quick    those that `make quick` runs, to leave out those that have become slower
 
 A function of tests takes much if its cases take LIMIT_S together, with the processes that they start and their share of
-the fixtures that they have in common.
+the fixtures that they have in common: of CPU, or of time in which they wait.
 """
 
 import os
 import subprocess
 import sys
+import time
 from collections import defaultdict
 from collections.abc import Generator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 ROOT = Path(__file__).resolve().parents[1]
 TESTS = ROOT / "tests"
 LIMIT_S = 0.15
-"""Choice: 2,500 of 3,350 functions stay, and take 70 s on one core."""
+"""Choice: 2,410 of 3,440 functions stay, and take 70 s on one core."""
+SCHEDULED = Path("/proc/self/schedstat")
+"""Linux: nanoseconds of CPU of this thread, and those in which it was ready and others had the cores."""
 
 
-def cpu_s() -> float:
-    """Time of this process and of those that it has waited for."""
-    return sum(os.times()[:4])
+def spent_s() -> NDArray[np.float64]:
+    """CPU of this process and of those that it has waited for, and the clock while it runs or waits for something."""
+    others_s = int(SCHEDULED.read_text().split()[1]) * 1e-9 if SCHEDULED.exists() else 0.0
+    return np.array([sum(os.times()[:4]), time.perf_counter() - others_s])
 
 
 class Costs:
     """Plugin of pytest: measures, and renews the lines of the files that ran."""
 
     def __init__(self) -> None:
-        self.spent: dict[tuple[str, str], float] = defaultdict(float)
-        self.shared: dict[Any, float] = defaultdict(float)
+        self.spent: dict[tuple[str, str], NDArray[np.float64]] = defaultdict(lambda: np.zeros(2))
+        self.shared: dict[Any, NDArray[np.float64]] = defaultdict(lambda: np.zeros(2))
         self.users: dict[Any, set[tuple[str, str]]] = defaultdict(set)
-        self.apart_s = 0.0
+        self.apart_s = np.zeros(2)
 
     def pytest_collection_finish(self, session: pytest.Session) -> None:
         """Note which functions have which fixtures in common."""
@@ -46,19 +53,19 @@ class Costs:
     @pytest.hookimpl(wrapper=True)
     def pytest_fixture_setup(self, fixturedef: Any) -> Generator[None, object, object]:
         """Time a fixture that several tests may have in common."""
-        begin_s = cpu_s()
+        begin_s = spent_s()
         value = yield
         if fixturedef.scope != "function":
-            self.shared[fixturedef] += cpu_s() - begin_s
-            self.apart_s += cpu_s() - begin_s
+            self.shared[fixturedef] += (took_s := spent_s() - begin_s)
+            self.apart_s += took_s
         return value
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Generator[None, object, object]:
         """Time a test, without such fixtures."""
-        begin_s, self.apart_s = cpu_s(), 0.0
+        begin_s, self.apart_s = spent_s(), np.zeros(2)
         value = yield
-        self.spent[_function(item)] += cpu_s() - begin_s - self.apart_s
+        self.spent[_function(item)] += spent_s() - begin_s - self.apart_s
         return value
 
     def pytest_sessionfinish(self) -> None:
@@ -69,11 +76,15 @@ class Costs:
         from helpers.part import read_costs, write_costs  # pytest finds it, the command that starts pytest does not
 
         path = TESTS / "costly"
-        costs = {file: functions for file, functions in read_costs(path).items() if (TESTS / file).exists()}
-        costs |= {file: {} for file, _ in self.spent}
-        for (file, name), spent_s in self.spent.items():
-            if spent_s >= LIMIT_S:
-                costs[file][name] = spent_s
+        texts = {file: (TESTS / file).read_text("utf-8") for file in read_costs(path) if (TESTS / file).exists()}
+        costs = {
+            file: {name: cost_s for name, cost_s in read_costs(path)[file].items() if name in text}
+            for file, text in texts.items()
+        }
+        for (file, name), times_s in self.spent.items():
+            costs.setdefault(file, {}).pop(name, None)
+            if times_s.max() >= LIMIT_S:
+                costs[file][name] = float(times_s.max())
         write_costs(path, costs)
 
 

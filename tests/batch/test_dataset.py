@@ -573,7 +573,8 @@ def test_two_lidars_of_a_rig_meet_on_one_surface(
 ) -> None:
     """Both see the front of a car; the sensors stand in different cells of a grid of 1 m, from which maps begin.
 
-    Tolerance: 5 cm. The box of a car that stands does so, unless the points hold the way of 9 cm within a frame.
+    Tolerance: 5 cm, six sigma of the mean of three frames. The box of a car that stands does so, unless the points hold
+    the way of 9 cm within a frame.
     """
     job = parked_job(tmp_path, f'dataset = "nuscenes"\nframes = 3\nrigs = ["rig.toml"]\n{deskew}')
     run(job, tmp_path / "out", threads)
@@ -585,7 +586,8 @@ def test_two_lidars_of_a_rig_meet_on_one_surface(
             classes == nuscenes_dataset.CATEGORIES.index("vehicle.car")
         ]
         faces[data["filename"].split("/")[1]].append(float(np.median(points[:, 0])))
-    assert faces["LIDAR_TOP"] == pytest.approx(faces["LIDAR_FRONT"], abs=0.05)
+    assert len(faces["LIDAR_TOP"]) == len(faces["LIDAR_FRONT"]) == 3
+    assert np.mean(faces["LIDAR_TOP"]) == pytest.approx(np.mean(faces["LIDAR_FRONT"]), abs=0.05)
     places = [annotation["translation"] for annotation in tables["sample_annotation"].values()]
     drifts_m = np.abs(np.subtract(places, [14.3 + 120.0, 120.0, 1.8])).max(axis=1)
     assert drift_m[0] <= drifts_m.min() <= drifts_m.max() <= drift_m[1]

@@ -173,6 +173,10 @@ CASES = {
         * (1 - exp(N_SP * EXPONENT))
         / sqrt(N * (1 - exp(N_BP * EXPONENT)) * exp(N_BP * EXPONENT) + N * DCR * DEAD),
     ),
+    "27, derived": (
+        reference_sipm.snr_steady_state(signal_photons=N_SP, background_photons=N_BP, **CELLS, **DARK),
+        N * (1 - exp(-N_SP * PDE / N)) / sqrt(N * (N_BP * PDE / N + DCR * DEAD)),
+    ),
     "28": (
         sipm.snr_approximate(signal_photons=N_SP, background_photons=N_BP, pde=PDE),
         P_R * FWHM / (2 * sqrt(HNU * P_RS * DEAD)) * sqrt(PDE),

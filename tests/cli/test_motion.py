@@ -26,8 +26,9 @@ def files_of(folder: Path) -> set[str]:
     return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()} - {"drive.toml", "two.toml"}
 
 
-def render_as_json(run: Run, *argv: str) -> dict:
-    rendered = run("render", *argv, *COARSE, "--json")
+def render_as_json(run: Run, *typed: str) -> dict:
+    """What the command counts; each argument is of one word or more."""
+    rendered = run("render", *" ".join(typed).split(), *COARSE, "--json")
     assert (rendered.code, rendered.err) == (0, ""), rendered
     return json.loads(rendered.out)
 
@@ -35,20 +36,7 @@ def render_as_json(run: Run, *argv: str) -> dict:
 def test_frames_in_a_folder(mi, run: Run, small_pictures: None, drive: str, tmp_path: Path) -> None:
     """Frame after frame, each with its picture and its missed pulses; the wall comes at 30 m/s."""
     counts_of_run = render_as_json(
-        run,
-        drive,
-        "-o",
-        "new/out",
-        "--frames",
-        "3",
-        "--begin",
-        "0.1",
-        "--coordinates",
-        "vehicle",
-        "--keep-missed",
-        "m/x.npz",
-        "--picture",
-        "m/p.png",
+        run, drive, "-o new/out --frames 3 --begin 0.1 --coordinates vehicle --keep-missed m/x.npz --picture", "m/p.png"
     )
     numbers = ("0000", "0001", "0002")
     assert files_of(tmp_path) == {
@@ -95,16 +83,7 @@ def test_a_rig_one_cloud_each(mi, run: Run, small_pictures: None, drive: str, tm
     counts_of_run = render_as_json(
         run,
         drive,
-        "--rig",
-        "two.toml",
-        "-o",
-        "out",
-        "--set",
-        "right:laser.peak_power_w=50",
-        "--picture",
-        "p.png",
-        "--keep-missed",
-        "m.npz",
+        "--rig two.toml -o out --set right:laser.peak_power_w=50 --picture p.png --keep-missed m.npz",
         "--deskew",
     )
     assert files_of(tmp_path) == {
@@ -124,19 +103,7 @@ def test_a_rig_one_cloud_each(mi, run: Run, small_pictures: None, drive: str, tm
 def test_a_rig_merged_in_several_frames(mi, run: Run, small_pictures: None, drive: str, tmp_path: Path) -> None:
     """One cloud a frame, whose `sensor_index` and `sensor_names` tell them apart; --no-truth keeps them."""
     counts_of_run = render_as_json(
-        run,
-        drive,
-        "--rig",
-        "two.toml",
-        "--merge",
-        "-o",
-        "out",
-        "--frames",
-        "2",
-        "--picture",
-        "p.svg",
-        "--deskew",
-        "--no-truth",
+        run, drive, "--rig two.toml --merge -o out --frames 2 --picture p.svg --deskew --no-truth"
     )
     assert files_of(tmp_path) == {
         name for n in ("0000", "0001") for name in (f"out/frame_{n}.ply", f"out/frame_{n}.deskewed.ply", f"p_{n}.svg")

@@ -18,17 +18,18 @@ from lidarscene.studies.ranging import plane, sweep_report
 APD, SIPM = "table1-apd", "table1-sipm"
 
 
-def range_text(run: Run, *argv: str) -> str:
-    ran = run("range", *argv)
+def range_text(run: Run, *typed: str) -> str:
+    """What the command prints; each argument is of one word or more."""
+    ran = run("range", *" ".join(typed).split())
     assert (ran.code, ran.err) == (0, "")
     return ran.out
 
 
-def range_json(run: Run, *argv: str) -> Any:
+def range_json(run: Run, *typed: str) -> Any:
     def refuse(word: str) -> None:
         raise ValueError(f"{word} is not JSON")
 
-    return json.loads(range_text(run, *argv, "--json"), parse_constant=refuse)
+    return json.loads(range_text(run, *typed, "--json"), parse_constant=refuse)
 
 
 def table(path: Path) -> tuple[list[str], np.ndarray[Any, Any]]:
@@ -174,21 +175,8 @@ def test_csv_holds_what_is_printed_as_json(run: Run, tmp_path: Path) -> None:
     entry = range_json(
         run,
         SIPM,
-        "--over",
-        "illuminance_klux",
-        "--from",
-        "0",
-        "--to",
-        "100",
-        "--scale",
-        "linear",
-        "--n",
-        "5",
-        "--probability=0.5",
-        "--set=detector.cell_floor=0",
-        "--set=detector.dark_count_rate_hz=0",
-        "--csv",
-        "o.csv",
+        "--over illuminance_klux --from 0 --to 100 --scale linear --n 5 --probability=0.5",
+        "--set=detector.cell_floor=0 --set=detector.dark_count_rate_hz=0 --csv o.csv",
     )
     _, values = table(tmp_path / "o.csv")
     assert entry["csv"] == "o.csv"
@@ -223,22 +211,7 @@ def test_whole_parameters_have_whole_steps(run: Run, tmp_path: Path) -> None:
 def test_quantities(run: Run) -> None:
     snr = range_json(run, APD, "--over", "detector.gain", "--quantity", "snr", "--from", "20", "--to", "80", "--n", "2")
     assert snr["sensors"][APD]["values"][1] == pytest.approx(61.4618, rel=1e-5)
-    pd = range_json(
-        run,
-        APD,
-        "--over",
-        "detector.gain",
-        "--quantity",
-        "pd",
-        "--distance",
-        "350.604565",
-        "--from",
-        "20",
-        "--to",
-        "80",
-        "--n",
-        "2",
-    )
+    pd = range_json(run, APD, "--over detector.gain --quantity pd --distance 350.604565 --from 20 --to 80 --n 2")
     assert pd["sensors"][APD]["values"][1] == pytest.approx(0.5, abs=1e-6)
 
 

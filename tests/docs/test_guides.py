@@ -1,6 +1,5 @@
 """Numbers of the guides: counts, defaults and limits against the code's own constants, and what a short sum gives."""
 
-import argparse
 import ast
 import math
 import re
@@ -10,114 +9,46 @@ import numpy as np
 import pytest
 from helpers.documentation import PLAIN, README, ROOT, blocks, prose, says, table, text_of
 from helpers.models import MODELS
+from helpers.page_numbers import default
 
 from lidarscene import catalog, load_sensor
-from lidarscene.cli import main
-from lidarscene.cloud.thinning import FACTOR, MOST_POINTS
-from lidarscene.detection.outcomes import Outcome, Status
+from lidarscene.detection.outcomes import Outcome
 from lidarscene.formats import e57, las, osi, ply
-from lidarscene.formats.cloud_columns import columns_of
-from lidarscene.kernel.rays import trace
 from lidarscene.kernel.world.mitsuba_world import build_world
-from lidarscene.labels import files
-from lidarscene.outputs import range_image
 from lidarscene.physics import eye_safety
 from lidarscene.physics.electronics import sipm
 from lidarscene.physics.optics import sunlight
 from lidarscene.sensor import readout
 from lidarscene.sensor.electronics import MOST_STOPS
 from lidarscene.studies.compare import cloud_matching
-from lidarscene.studies.eye_safety.eye_safety_report import TIME_BASE_S
-from lidarscene.studies.field_of_view import pattern_coverage, study_options
+from lidarscene.studies.field_of_view import study_options
 from lidarscene.studies.ranging.plane import RangeStatus, Target
 
 pytestmark = pytest.mark.fixed_streams
 
-# --- the command line -------------------------------------------------------------------------------
 
-
-def options(command: str) -> dict[str, argparse.Action]:
-    """The options of one command by name."""
-    (chosen,) = [a for a in main._parser()._actions if isinstance(a, argparse._SubParsersAction)]
-    return {name: action for action in chosen.choices[command]._actions for name in action.option_strings}
-
-
-def default(command: str, option: str) -> float:
-    """Default of an option, as `-h` says."""
-    action = options(command)[option]
-    (default_text,) = re.findall(r"default:? (-?\d+(?:\.\d+)?)", action.help or "")
-    assert action.default in (None, float(default_text))
-    return float(default_text)
-
-
-def test_defaults_of_range() -> None:
-    distance, klux, rho, tau = (
-        default("range", f"--{name}") for name in ("distance", "illuminance-klux", "reflectivity", "transmittance")
-    )
-    says("range.md", "SNR and P_d at `--distance` ({} m)", distance)
-    says("range.md", "`--to`, `--n` ({}), and `--scale`", default("range", "--n"))
-    target = Target()
-    assert (target.illuminance_klux, target.reflectivity, target.transmittance) == (klux, rho, tau)
+def test_words_and_defaults_of_range() -> None:
     words = [
         (int(status), word.upper().split(" ")[0] or "FOUND") for status, word, *_ in table("range.md", "status | word")
     ]
     assert words == [(status, status.name.split("_")[0]) for status in RangeStatus]
+    options = {"illuminance-klux": "illuminance_klux", "reflectivity": "reflectivity", "transmittance": "transmittance"}
+    for option, name in options.items():
+        assert default("range", f"--{option}") == getattr(Target(), name)
 
 
-def test_defaults_of_fov() -> None:
-    says(
-        "fov.md",
-        "`--reflectivity` ({}) and `--illuminance-klux` ({} klux) describe",
-        default("fov", "--reflectivity"),
-        default("fov", "--illuminance-klux"),
-    )
-    says("fov.md", "Pulses of {} times the longest time count", pattern_coverage.LONG)
-    (row,) = [r for r in table("fov.md", "time (s)") if r[0].startswith("lidarscene")]
-    assert len(row) == len(study_options.TIMES_S) + 1
+def test_default_times_of_fov() -> None:
     assert re.findall(r"\| time \(s\) \| (.*) \|", prose(README.parent / "docs" / "fov.md")) == [
         " | ".join(f"{t:.1f}" for t in study_options.TIMES_S)
     ]
-
-
-def test_defaults_of_render_and_batch() -> None:
-    says("limits.md", "through at most {} panes and mirrors unless", default("render", "--interactions"))
-    assert default("render", "--interactions") == trace.INTERACTIONS
-    says("motion.md", "The first frame begins at `--begin` ({})", default("render", "--begin"))
-    says("view.md", "(`--seed`, default {})", default("view", "--seed"))
-    from lidarscene.batch import dispatch, work
-    from lidarscene.cli.batch import MOST_LINES
-
-    says("clusters.md", "on the error stream (the first {})", MOST_LINES)
-    says("clusters.md", "keeps its last {} compiled worlds", work.CACHED)
-    assert dispatch.BUNDLE_S == 1.0  # "frames of less than a second are given out several at a time"
-    # The file above it: scenes, sensors, frames, seeds, trajectories, and three keys that are swept.
-    lists = (2, 2, 10, 2, 2, 2, 2, 2)
-    says("batch.md", "Those are " + " x ".join(["{}"] * 8) + " = {} frames", *lists, math.prod(lists))
 
 
 # --- counts -----------------------------------------------------------------------------------------
 
 
 def test_conventions() -> None:
-    says(
-        "conventions.md",
-        "(`detection.outcomes.Status`): {} echo, {} false alarm, {} another lidar's pulse, {} light of fog",
-        Status.ECHO,
-        Status.FALSE_ALARM,
-        Status.INTERFERENCE,
-        Status.WEATHER,
-    )
-    says(
-        "first_cloud.md",
-        "| `status` | {} echo, {} false alarm, {} another lidar's pulse, {} fog",
-        Status.ECHO,
-        Status.FALSE_ALARM,
-        Status.INTERFERENCE,
-        Status.WEATHER,
-    )
     rows = table("conventions.md", "value | outcome")
     assert [(int(row[0]), row[1].upper().replace(" ", "_")) for row in rows] == [(o, o.name) for o in Outcome]
-    says("conventions.md", "(where infinity is {})", float(ply.LARGEST))
     says("conventions.md", "(`comment lidarscene {}`)", float(ply.VERSION_LINE.split()[1]))
     says("sensor_files.md", "the shortest range, {} ns for each metre", 2e9 / 299_792_458.0)
     says("sensor_files.md", '`"all"` is the first {}, without `stops`', MOST_STOPS)
@@ -129,25 +60,7 @@ def test_conventions() -> None:
 def test_formats() -> None:
     says("formats.md", "steps of {} um, {} km around the sensor", 1e6 * las.STEP_M, 1e-3 * las.REACH_M)
     says("formats.md", "all, exact, infinity as {}", float(e57.LARGEST))
-    says(
-        "formats.md",
-        "A picture of more than {} million points shows every {}rd, {}th",
-        MOST_POINTS / 2**20,
-        FACTOR,
-        FACTOR**2,
-    )
     says("formats.md", "OSI {}, with a", float(f"{osi.VERSION[0]}.{osi.VERSION[1]}"))
-    says(
-        "formats.md",
-        "in steps of {} cm up to {} m",
-        100.0 * range_image.RANGE_STEP_M,
-        (2**16 - 1) * range_image.RANGE_STEP_M,
-    )
-    shares = sorted(100.0 * share for share, _ in files.VISIBILITY)[1:]
-    says("formats.md", "bins are below {}, {}, {} percent", *shares)
-    says("formats.md", "`occluded` is {} from {} percent, {} from {}", 0, shares[2], 1, shares[0])
-    size = sum(np.dtype(c.dtype).itemsize for c in columns_of(truth=True, vectors=False))
-    says("formats.md", "some {} bytes per point or more", 10.0 * round(size / 10.0))
 
 
 def test_numbers_in_equations() -> None:
@@ -186,10 +99,6 @@ def test_one_laser_at_a_time() -> None:
 
 
 def test_eye_safety() -> None:
-    says("eye_safety.md", "The time base is {} s (4.3 e", TIME_BASE_S)
-    for nm, ti in ((1050, 5e-6), (1400, 13e-6)):
-        assert eye_safety.grouping_time_s(wavelength_m=1e-9 * (nm - 1)) == ti
-    says("eye_safety.md", "| T_i | {} us up to {} nm, {} us up to {} nm |", 5, 1050, 13, 1400)
     says(
         "eye_safety.md",
         "Wavelengths outside {} to {} nm are refused",

@@ -30,6 +30,7 @@ FEWER = {
         'PAIR, "illuminance_klux"': 'PAIR, "illuminance_klux", points=4',
         'PAIR, "reflectivity"': 'PAIR, "reflectivity", points=4',
         "stop=300": "stop=300, points=4",
+        'compare(\n    "street"': 'compare(\n    "car"',
         "(100, 400, 1600)": "(100,)",
         "illuminance_klux=(1, 10, 100)": "illuminance_klux=(1, 100)",
         'step_deg": 0.6, "scanner.elevation_step_deg": 0.6': 'step_deg": 2, "scanner.elevation_step_deg": 2',

@@ -5,6 +5,7 @@ An expression gives one number, or several in any nesting; `...` leaves one out.
 
 # ruff: noqa: F401  what is imported here and not used is named on a page: `test_every_name_is_used_on_a_page`
 
+import argparse
 import ast
 import math
 import pkgutil
@@ -25,9 +26,11 @@ from validation.sipm_events.table import GRID_SIGNAL, rows_of_published_error
 from helpers import false_alarms, scanners
 from helpers.documentation import NUMBER, ROOT, text_of, value_of
 from lidarscene import catalog, load_sensor
+from lidarscene.cli import main
 from lidarscene.detection.outcomes import Status
 from lidarscene.detection.photon_counting import tuning as peak_tuning
 from lidarscene.files import inputs, installed_llvm, pvlib
+from lidarscene.formats.cloud_columns import columns_of
 from lidarscene.kernel.device import backend
 from lidarscene.kernel.rays import onward
 from lidarscene.kernel.world import bsdfs
@@ -129,6 +132,20 @@ def unchecked(experiment: str, *figures: float) -> Sequence[float]:
     """Figures of an experiment that nothing here repeats: a digit changed is found, and no more."""
     assert experiment
     return figures
+
+
+def default(command: str, option: str) -> float:
+    """Default of an option of the command line, as `-h` says."""
+    (chosen,) = [a for a in main._parser()._actions if isinstance(a, argparse._SubParsersAction)]
+    (action,) = [a for a in chosen.choices[command]._actions if option in a.option_strings]
+    (text,) = re.findall(r"default:? (-?\d+(?:\.\d+)?)", action.help or "")
+    assert action.default in (None, float(text))
+    return float(text)
+
+
+def bytes_per_point() -> int:
+    """Size of a point with the truth, in memory."""
+    return sum(np.dtype(column.dtype).itemsize for column in columns_of(truth=True, vectors=False))
 
 
 RESULTS = text_of(ROOT / "benchmarks" / "RESULTS.md").splitlines()

@@ -2,11 +2,11 @@
 
 They run as they stand but for what takes long: sensors with fewer pulses (`COARSE`, `COARSE_RIG`), scenes of `scenes/`
 with one body of a kind, two frames for ten, fields of view after 0.02 s in cells of 8 degrees, two illuminances for
-four, charts and pictures that are not drawn, a job of four frames for twelve on a thread of this process, the view
-written by `--save` instead of served. A scene of `scenes/` is compiled once for commands in a row. What is only parsed
-is in `PARSED_ONLY`, with the test that runs its like. Of two commands of which one has more options than the other only
-that one is run, unless the page goes on with the file of the shorter one. Whole scenes are rendered in
-tests/cli/test_main.py, charts drawn by the tests of each command.
+four, a design study of 12 evaluations, charts and pictures that are not drawn, a job of four frames for twelve on a
+thread of this process, the view written by `--save` instead of served. A scene of `scenes/` is compiled once for
+commands in a row. What is only parsed is in `PARSED_ONLY`, with the test that runs its like. Of two commands of which
+one has more options than the other only that one is run, unless the page goes on with the file of the shorter one.
+Whole scenes are rendered in tests/cli/test_main.py, charts drawn by the tests of each command.
 """
 
 import functools
@@ -35,68 +35,108 @@ from lidarscene.scene import scene_file as scene_file
 from lidarscene.scene.scene import Body, Scene
 from lidarscene.scene.scene_file import scene_path, sensor_of_scene
 
-# What needs more than this machine, and what another test runs as it stands.
 PARSED_ONLY = {
-    "lidarscene batch factory.toml": "tests/batch/test_dataset.py::test_as_many_labels_as_clouds",
-    "lidarscene batch job -o /shared": "tests/batch/test_cluster.py::test_the_bits_of_render",
-    "lidarscene render drive --sensor os0-128": "tests/outputs/test_captures.py::test_ouster_metadata_and_background",
-    **dict.fromkeys(
+    "tests/batch/test_dataset.py::test_as_many_labels_as_clouds": ("batch factory.toml -o out/factory",),
+    "tests/batch/test_cluster.py::test_the_bits_of_render": (
+        "batch job -o /shared/job --scheduler tcp://10.0.0.1:8786",
+    ),
+    "tests/outputs/test_captures.py::test_ouster_metadata_and_background": (
+        "render drive --sensor os0-128 --set scanner.columns_per_turn=512 -o out/os0.pcap",
+    ),
+    "tests/scene/street/test_street.py::test_keys_of_a_street_and_of_its_bodies_can_be_changed": (
+        "render town -o out/town.ply --scene-set street.seed=4",
+        "render town -o out/town --frames 1200",
+    ),
+    "tests/cli/test_main.py::test_shipped_scene_renders": (
+        "render parallax -o out/parallax.ply",
+        "render rain -o out/rain.ply",
+        "render snow -o out/snow.ply",
+        "render interference -o out/interference.ply",
+    ),
+    "tests/scene/street/test_street.py::test_a_longer_street_keeps_its_drivers_and_its_numbers_in_sight_few": (
         (
-            "lidarscene render parallax -o out/parallax.ply",
-            "lidarscene render rain -o",
-            "lidarscene render snow -o",
-            "lidarscene render interference -o",
+            "render town -o out/long --frames 6000 --scene-set street.loop=false --scene-set street.length_m=5000 "
+            "--scene-set street.seed=7"
         ),
-        "tests/cli/test_main.py::test_shipped_scene_renders",
     ),
-    "lidarscene render town -o out/town": (
-        "tests/scene/street/test_street.py::test_keys_of_a_street_and_of_its_bodies_can_be_changed"
+    "tests/scene/street/test_networks.py::test_a_drawn_town_has_hills_lights_and_a_roundabout_at_which_vehicles_turn": (
+        'street --town 4 --seed 3 --set "slope_percent=[0, 6]" -o out/drawn',
+        "street --town 3 --seed 3 -o out/loop",
     ),
-    "lidarscene render town -o out/long": (
-        "tests/scene/street/test_street.py::test_a_longer_street_keeps_its_drivers_and_its_numbers_in_sight_few"
+    "tests/scene/street/test_networks.py::test_every_body_of_drawn_traffic_loads": (
+        (
+            "render out/drawn/street.toml --begin 54 -o out/drawn.ply --picture out/drawn.png "
+            '--scene-set "picture.eye_m=[-24, 5, 15]"'
+        ),
+        'street --osm map.osm --set "house_share=[0.2, 0.6]" -o out/map',
     ),
-    "lidarscene street --town 4": (
-        "tests/scene/street/test_networks.py::test_a_drawn_town_has_hills_lights_and_a_roundabout_at_which_vehicles_turn"
+    "tests/scene/street/test_street.py::test_nothing_floats_on_hills": (
+        'street --seed 8 --length-m 200 --set "slope_percent=[7, 10]" -o out/hills',
+        (
+            "render out/hills/street.toml --begin 6 -o out/hills.ply --picture out/hills.png "
+            '--scene-set "picture.eye_m=[-22, 5, 13]"'
+        ),
     ),
-    "lidarscene render out/drawn": "tests/scene/street/test_networks.py::test_every_body_of_drawn_traffic_loads",
-    "lidarscene street --seed 8": "tests/scene/street/test_street.py::test_nothing_floats_on_hills",
-    "lidarscene render out/hills": "tests/scene/street/test_street.py::test_nothing_floats_on_hills",
-    "lidarscene street --opendrive town.xodr": (
-        "tests/scene/street/test_networks.py::test_a_road_of_opendrive_is_where_its_geometry_says"
+    "tests/scene/street/test_networks.py::test_a_road_of_opendrive_is_where_its_geometry_says": (
+        "street --opendrive town.xodr --seed 3 -o out/town",
     ),
-    "lidarscene street --osm map.osm": ("tests/scene/street/test_networks.py::test_every_body_of_drawn_traffic_loads"),
-    "lidarscene street --sumo scenario.sumocfg": (
-        "tests/scene/street/test_networks.py::test_the_vehicles_are_where_sumo_says"
+    "tests/scene/street/test_networks.py::test_the_vehicles_are_where_sumo_says": (
+        "street --sumo scenario.sumocfg -o out/scenario",
+        "street --sumo scenario.sumocfg --ego bus.7 -o out/scenario",
     ),
-    "lidarscene street --town 3": (
-        "tests/scene/street/test_networks.py::test_a_drawn_town_has_hills_lights_and_a_roundabout_at_which_vehicles_turn"
+    "tests/outputs/test_run_motion.py::test_synchronous_packets_of_an_ousters_imu": (
+        (
+            "render out/loop/street.toml --sensor os1-128 --set scanner.columns_per_turn=1024 "
+            "--set imu.rate_hz=640 -o out/loop.pcap --frames 1160 --poses out/loop.txt"
+        ),
     ),
-    "lidarscene render out/loop": "tests/outputs/test_run_motion.py::test_synchronous_packets_of_an_ousters_imu",
-    "lidarscene view out/os0.pcap": "tests/cli/recordings/test_recording_options.py::test_view_saves_all_frames_or_one",
-    "lidarscene view os1.pcap": "tests/cli/recordings/test_recording_options.py::test_view_saves_all_frames_or_one",
-    "lidarscene sensor --from os1.json": "tests/cli/recordings/test_sensor.py::test_a_unit_of_an_ouster",
-    "lidarscene sensor --from angles.csv": (
-        "tests/recordings/units/test_hesai_unit.py::test_a_model_that_the_catalogue_lacks_needs_a_like_and_warns"
+    "tests/cli/recordings/test_recording_options.py::test_view_saves_all_frames_or_one": (
+        "view out/os0.pcap",
+        "view os1.pcap --metadata os1.json --frame 3",
     ),
-    "lidarscene sensor --from drive.osf": (
-        "tests/recordings/test_ouster_reader.py::test_every_sensor_of_an_osf_is_in_reach_with_its_own_metadata"
+    "tests/cli/recordings/test_sensor.py::test_a_unit_of_an_ouster": (
+        "sensor --from os1.json -o my-os1.toml",
+        "sensor --from os1.json --mode 2048x10 -o my-os1-2048.toml",
     ),
-    "lidarscene render drive -o out/shown.ply --rrd": (
-        "tests/formats/test_rerun.py::test_frames_go_to_a_viewer_as_they_come"
+    "tests/recordings/units/test_hesai_unit.py::test_a_model_that_the_catalogue_lacks_needs_a_like_and_warns": (
+        "sensor --from angles.csv --like pandar64 -o my-pandar.toml",
     ),
-    "lidarscene view car --port": "tests/view/test_serve.py::test_a_live_scene_is_what_render_gives",
-    "lidarscene twin os1.pcap": "tests/cli/recordings/test_twin.py::test_a_twin_of_a_recording",
-    "lidarscene certify": "tests/cli/recordings/test_certify.py::test_turns_at_rest",
-    "lidarscene fit os1.pcap": (
-        "tests/studies/fit/on_scene/test_scene_fit.py::test_the_unit_that_recorded_is_found_again"
+    "tests/recordings/test_ouster_reader.py::test_every_sensor_of_an_osf_is_in_reach_with_its_own_metadata": (
+        "sensor --from drive.osf --sensor-index 1 -o my-os0.toml",
     ),
-    "lidarscene fit os2.pcap": "tests/studies/fit/test_recording_fit.py::test_sensor_file_and_page_have_what_was_found",
-    "lidarscene fit turns/": "tests/studies/fit/test_at_rest.py::test_turns_at_rest_are_fitted_without_a_scene",
-    "lidarscene paper -o out/paper": "tests/cli/test_paper.py::test_all_files_are_there_and_nothing_else",
-    "lidarscene design aperture": "tests/studies/design/test_design_study.py::test_the_front_is_that_of_a_grid",
-    "lidarscene design my-study.toml": "tests/studies/design/test_design_study.py::test_workers_give_the_same_front",
-    "lidarscene catalog check": "tests/sensor/test_sensor_catalogue.py::test_check_prints_every_sensor",
+    "tests/formats/test_rerun.py::test_frames_go_to_a_viewer_as_they_come": (
+        "render drive -o out/shown.ply --rrd --frames 2",
+    ),
+    "tests/view/test_serve.py::test_a_live_scene_is_what_render_gives": ("view car --port 8000 --no-browser",),
+    "tests/cli/recordings/test_twin.py::test_a_twin_of_a_recording": ("twin os1.pcap --held-out columns -o out/twin",),
+    "tests/cli/recordings/test_certify.py::test_turns_at_rest": (
+        "certify os0-32 -o out/certificate",
+        "certify os1.pcap -o out/certificate",
+        "certify turns/ --sensor pandar64 -o out/certificate",
+        "certify os1.pcap --sensor my-os1.toml --frame 3 --seed 1 -o out/certificate",
+        "certify os1.pcap --scene out/twin/scene.toml -o out/validated",
+    ),
+    "tests/studies/fit/on_scene/test_scene_fit.py::test_the_unit_that_recorded_is_found_again": (
+        "fit os1.pcap --scene out/twin/scene.toml -o my-os1.toml --report out/fit",
+    ),
+    "tests/studies/fit/test_recording_fit.py::test_sensor_file_and_page_have_what_was_found": (
+        "fit os2.pcap --sensor os2-128 -o my-os2.toml --report out/fit",
+    ),
+    "tests/studies/fit/test_at_rest.py::test_turns_at_rest_are_fitted_without_a_scene": (
+        "fit turns/ --sensor pandar64 -o my-pandar.toml --report out/fit",
+    ),
+    "tests/cli/test_paper.py::test_all_files_are_there_and_nothing_else": ("paper -o out/paper",),
+    "tests/studies/design/test_design_study.py::test_the_front_is_that_of_a_grid": ("design aperture -o out/aperture",),
+    "tests/studies/design/test_design_study.py::test_workers_give_the_same_front": (
+        "design my-study.toml -o out/study --workers 2",
+    ),
+    "tests/sensor/test_sensor_catalogue.py::test_check_prints_every_sensor": (
+        "catalog check",
+        "catalog check --real",
+        "catalog check livox-mid-40",
+    ),
 }
+"""Whole commands, without their first word, that need more than this machine or run in another test, by that test."""
 
 # What a page takes for granted: sensors copied from the catalogue, clouds that another page makes.
 COPIES = {"my-sensor": "table1-sipm", "my-risley": "livox-mid-40", "my-spinning": "vlp-16"}
@@ -168,7 +208,7 @@ def incomplete(command: str) -> bool:
 
 
 def parsed_only(command: str) -> bool:
-    return any(command.startswith(start) for start in PARSED_ONLY)
+    return any(command.removeprefix("lidarscene ") in elsewhere for elsewhere in PARSED_ONLY.values())
 
 
 def in_a_longer_one(command: str) -> bool:
@@ -233,6 +273,8 @@ def coarse(arguments: list[str]) -> list[str]:
         Path("job.toml").write_text(coarse_job(), encoding="utf-8")
         options[0] = "job.toml"
         options += ["--workers", "1"] if "--workers" not in options else []
+    if command == "design" and (study := Path(options[0])).suffix == ".toml":
+        study.write_text(re.sub("evaluations = .*", "evaluations = 12", study.read_text("utf-8")), "utf-8")
     if "--illuminance-klux" in options:
         options[options.index("--illuminance-klux") + 1] = "10,100"
     if command == "fov":

@@ -1,6 +1,5 @@
 """Table 1 of the paper in SI units and, typed out by hand, the powers (5) and (8) and the noise (18)."""
 
-import dataclasses
 from math import cos, exp, pi, radians, sqrt
 from typing import Any
 
@@ -27,29 +26,23 @@ AVALANCHE = {"gain": M, "excess_noise": FM, "bandwidth_hz": BW}
 CELLS = {"pde": PDE, "cells": N}
 DARK = {"dark_count_rate_hz": DCR, "dead_time_s": DEAD}
 RECEIVER = {"aperture_m2": A, "transmittance": TAU}
-_COMMON = {
-    "peak_power_w": PT,
-    "reflectivity": RHO,
-    "aperture_m2": A,
-    "sun_irradiance_w_m2": ESUN,
-    "focal_over_radius": F / RPD,
-    "threshold_to_noise": TNR,
-    "photon_energy_j": HNU,
-    "transmittance": TAU,
-    "efficiency_laser": ETA_R,
-    "efficiency_sun": ETA_RS,
-    "cos_incidence": cos(THETA),
-    "cos_sun": CS,
-}
 
 
-def plane_and_receiver(**changed: Any) -> tuple[range_limit.Plane, range_limit.Transceiver]:
+def plane_and_receiver() -> tuple[range_limit.Plane, range_limit.Transceiver]:
     """What (29) and (30) have alike."""
-    numbers = _COMMON | changed
-    of_plane = {field.name for field in dataclasses.fields(range_limit.Plane)}
     return (
-        range_limit.Plane(**{name: value for name, value in numbers.items() if name in of_plane}),
-        range_limit.Transceiver(**{name: value for name, value in numbers.items() if name not in of_plane}),
+        range_limit.Plane(
+            reflectivity=RHO, cos_incidence=cos(THETA), transmittance=TAU, sun_irradiance_w_m2=ESUN, cos_sun=CS
+        ),
+        range_limit.Transceiver(
+            peak_power_w=PT,
+            aperture_m2=A,
+            focal_over_radius=F / RPD,
+            threshold_to_noise=TNR,
+            photon_energy_j=HNU,
+            efficiency_laser=ETA_R,
+            efficiency_sun=ETA_RS,
+        ),
     )
 
 
@@ -63,21 +56,12 @@ def sigma_18(power_w: float) -> float:
     return sqrt(2 * e * K_PD * power_w * M**2 * FM * BW + 2 * e * (IDS + IDB * M**2 * FM) * BW + 4 * k * T * BW / RL)
 
 
-def noise_18(**changed: Any) -> Any:
+def noise_18() -> Any:
     """The package's (18)."""
-    numbers = {
-        "responsivity_a_w": K_PD,
-        "background_power_w": P_RS,
-        "surface_dark_current_a": IDS,
-        "bulk_dark_current_a": IDB,
-        "temperature_k": T,
-        "load_resistance_ohm": RL,
-        **AVALANCHE,
-    } | changed
-    of_amplifier = {field.name for field in dataclasses.fields(reference_apd.Amplifier)}
-    power_w = numbers.pop("background_power_w")
     return reference_apd.noise_without_echo_a(
-        reference_apd.Diode(**{name: value for name, value in numbers.items() if name not in of_amplifier}),
-        reference_apd.Amplifier(**{name: value for name, value in numbers.items() if name in of_amplifier}),
-        background_power_w=power_w,
+        reference_apd.Diode(
+            responsivity_a_w=K_PD, surface_dark_current_a=IDS, bulk_dark_current_a=IDB, gain=M, excess_noise=FM
+        ),
+        reference_apd.Amplifier(temperature_k=T, load_resistance_ohm=RL, bandwidth_hz=BW),
+        background_power_w=P_RS,
     )

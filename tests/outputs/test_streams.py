@@ -95,27 +95,17 @@ def moving(tmp_path: Path) -> str:
 
 def all_outputs(folder: str) -> dict[str, tuple[str, ...]]:
     """Options by what they ask for, with everything put into this folder."""
-    single = ("--keep-missed", f"{folder}/m.npz", "--ambient", f"{folder}/a.npz", "--range-image", f"{folder}/r.npz")
-    return {
-        "single": ("-o", f"{folder}/a.ply", *single, "--picture", f"{folder}/p.png", "--deskew", "--labels", "kitti"),
-        "semantickitti": ("-o", f"{folder}/a.laz", "--labels", "semantickitti"),
-        "nuscenes": ("-o", f"{folder}/a.pcd", "--labels", "nuscenes", "--no-truth"),
-        "osi": ("-o", f"{folder}/a.parquet", "--labels", "osi"),
-        "merge": (
-            "-o",
-            f"{folder}/a.ply",
-            "--rig",
-            "rig.toml",
-            "--merge",
-            "--deskew",
-            "--labels",
-            "nuscenes",
-            "--picture",
-            f"{folder}/p.png",
-        ),
-        "data set": ("-o", folder, "--dataset", "semantickitti", "--deskew"),
-        "whole": ("-o", f"{folder}/a.npz"),
+    beside = f"--keep-missed {folder}/m.npz --ambient {folder}/a.npz --range-image {folder}/r.npz"
+    lines = {
+        "single": f"-o {folder}/a.ply {beside} --picture {folder}/p.png --deskew --labels kitti",
+        "semantickitti": f"-o {folder}/a.laz --labels semantickitti",
+        "nuscenes": f"-o {folder}/a.pcd --labels nuscenes --no-truth",
+        "osi": f"-o {folder}/a.parquet --labels osi",
+        "merge": f"-o {folder}/a.ply --rig rig.toml --merge --deskew --labels nuscenes --picture {folder}/p.png",
+        "data set": f"-o {folder} --dataset semantickitti --deskew",
+        "whole": f"-o {folder}/a.npz",
     }
+    return {name: tuple(line.split()) for name, line in lines.items()}
 
 
 ASKED = tuple(all_outputs(""))

@@ -7,7 +7,7 @@ import pytest
 from helpers import chain
 
 from lidarscene.cloud.point_cloud import PointCloud
-from lidarscene.rendering.pieces import piece_of
+from lidarscene.rendering.pieces import pieces_of
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.scene_file import load_scene
 
@@ -65,7 +65,7 @@ def test_a_piece_follows_from_the_frame(tmp_path: Path) -> None:
     """Frames in any order are the same to the bit; names of bodies, classes and materials are those of the scene."""
     forward, backward = simulator(tmp_path, f"reach_m = {REACH_M}"), simulator(tmp_path, f"reach_m = {REACH_M}")
     clouds = {begin_s: forward.render(seed=2, begin_s=begin_s) for begin_s in BEGINS_S}
-    assert {piece_of(forward.scene, begin_s) for begin_s in BEGINS_S} == {(0, 0), (1, 0), (2, 0)}
+    assert set(pieces_of(forward.scene, BEGINS_S)) == {(0, 0), (1, 0), (2, 0)}
     for begin_s in reversed(BEGINS_S):
         again = backward.render(seed=2, begin_s=begin_s)
         for name in ("xyz_m", "body", "material", "class_id", "intensity"):

@@ -12,6 +12,7 @@ from helpers.mistakes import told
 import lidarscene
 from lidarscene import load_scene, load_sensor
 from lidarscene.cloud.point_cloud import PointCloud
+from lidarscene.kernel.device import transfer
 from lidarscene.kernel.rays.retraced_light import LIGHT_COLUMNS, retraced_light
 from lidarscene.light.echoes import Echoes
 from lidarscene.physics.constants import ELEMENTARY_CHARGE_C
@@ -83,13 +84,14 @@ def test_every_point_is_explained_by_its_light(frames: Any, name: str) -> None:
     scene, sensor, simulator, cloud = frames[name]
     ambient = ambient_of(scene, sensor)
     count = sensor.scanner.pulses
-    frame = Frame.from_options(scene, sensor, simulator.world, FrameOptions(), pose=simulator.pose).on_device()
+    (frame,) = Frame.from_options(scene, sensor, simulator.world, [FrameOptions()], pose=simulator.pose)
+    frame = frame.on_device()
     light_of_all = retraced_light(
         simulator.world,
         sensor,
         ambient,
         sun=scene.sun.direction,
-        placements=frame.placements(lambda: frame.departures(np.arange(count, dtype=np.uint32))),
+        placements=frame.placements(simulator.numbering.chosen(frame, transfer.counter(0, count)).departures),
         pulses=range(count),
         seed=3,
     )

@@ -77,12 +77,14 @@ def _ball(u):
     return np.hstack([polar * np.sqrt(1 - height**2), height]) * np.cbrt(u[:, 2:3])
 
 
-def _leaves(place, u, *, size_m):
+def _leaves(place, u, *, size_m, halves=2):
     """A leaf at each (n, 3) place: a folded rhombus of two triangles, mostly facing upwards.
 
     Args:
         u: (n, 5) numbers of [0, 1)
         size_m: least half width of a leaf, and by how much it may be larger
+        halves: 1: one triangle in the plane of one half of the rhombus, the one or the other in turn, of the same area
+            and length: as many normals and gaps for half of the triangles
     """
     facing = np.hstack([u[:, 0:2] * 2 - 1, 0.35 + u[:, 2:3]])
     facing /= np.linalg.norm(facing, axis=1, keepdims=True)
@@ -92,6 +94,11 @@ def _leaves(place, u, *, size_m):
     beside = np.cross(facing, along)
     size = size_m[0] + size_m[1] * u[:, 4:5]
     fold = 0.25 * size * facing
+    if halves == 1:
+        side = 0.72 * size * beside * (-1.0) ** np.arange(len(place))[:, None] + fold
+        tip = 1.25 * size * along
+        corners, faces = [place + tip, place - tip + side, place - tip - side], np.arange(3 * len(place))
+        return Mesh(np.stack(corners, axis=1).reshape(-1, 3), faces.reshape(-1, 3))
     corners = [place - 1.25 * size * along, place - 0.72 * size * beside + fold]
     corners += [place + 1.25 * size * along, place + 0.72 * size * beside + fold]
     faces = np.arange(4 * len(place)).reshape(-1, 4)[:, [0, 2, 1, 0, 3, 2]].reshape(-1, 3)
@@ -186,4 +193,4 @@ def hedge(*, length_m=2.0, width_m=0.6, height_m=1.3, seed=9500):
     np.put_along_axis(inside, outermost[:, None], np.sign(pushed) * (1 - 0.3 * u[:, 8:9] ** 2), axis=1)
     half = 0.5 * np.array([width_m, length_m, height_m - 0.1]) - 0.05
     place = np.add(inside * half, (0, 0, 0.5 * height_m + 0.05))
-    return {"bark": join(*stems), "foliage": _leaves(place, u[:, 3:8], size_m=(0.042, 0.025))}
+    return {"bark": join(*stems), "foliage": _leaves(place, u[:, 3:8], size_m=(0.042, 0.025), halves=1)}

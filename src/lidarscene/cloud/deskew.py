@@ -91,6 +91,9 @@ def deskewed(
         goal = _sensor_in_points_frame(cloud)
     except (KeyError, ValueError):
         raise InputError("deskewed: the cloud's metadata do not say when and where it was taken") from None
+    removed = {**cloud.metadata, "ego_motion": MOTION_REMOVED}
+    if not len(cloud):
+        return replace(cloud, metadata=removed)
     length_s = float(cloud.time_s.max(initial=0.0) if length_s is None else length_s)
     deskewing = Deskewing.of_frame(motion, goal, start_s=start_s, length_s=length_s)
     turned_back = np.array(deskewing.traced_frame.rotation).reshape(3, 3)
@@ -108,7 +111,7 @@ def deskewed(
         name: np.concatenate([block_vectors[name] for block_vectors in turned_blocks])
         for name in (turned_blocks[0] if turned_blocks else ())
     }
-    return replace(cloud, xyz_m=moved, metadata={**cloud.metadata, "ego_motion": MOTION_REMOVED}, **vectors)
+    return replace(cloud, xyz_m=moved, metadata=removed, **vectors)
 
 
 def _sensor_in_points_frame(cloud: PointCloud) -> Pose:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import date, time
@@ -136,7 +137,7 @@ def number_list_entries(path: list[str], tables: Any) -> list[str]:
 def toml_text(value: Any) -> str:
     """Return a value as it is written in TOML, in one line."""
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{json.dumps(key)} = {toml_text(inner)}" for key, inner in value.items()) + "}"
+        return "{ " + ", ".join(toml_entry(key, inner) for key, inner in value.items()) + " }" if value else "{}"
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(toml_text(inner) for inner in value) + "]"
     if isinstance(value, (date, time)):
@@ -146,6 +147,11 @@ def toml_text(value: Any) -> str:
     if not isinstance(value, str | int | float | None):
         raise InputError(f"must be a text, a number, a list or a dict, got {type(value).__name__}")
     return json.dumps(value, ensure_ascii=False)
+
+
+def toml_entry(key: str, value: Any) -> str:
+    """Return a key with its value, in quotes where TOML needs them."""
+    return f"{key if re.fullmatch('[A-Za-z0-9_-]+', key) else toml_text(key)} = {toml_text(value)}"
 
 
 def toml_value(text: str) -> Any:

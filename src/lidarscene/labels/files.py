@@ -11,9 +11,10 @@ osi            a trace file of one GroundTruth (`lidarscene.labels.osi_truth`)
 
 from __future__ import annotations
 
+import functools
 import math
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -145,7 +146,8 @@ class LabelTables:
     bodies: Lanes
 
     @classmethod
-    def of_scene(cls, scene: Scene, class_names: Sequence[str]) -> LabelTables:
+    @functools.lru_cache(maxsize=1)  # a town takes 3 ms, in each frame
+    def of_scene(cls, scene: Scene, class_names: tuple[str, ...]) -> LabelTables:
         """Build for a scene, and the classes of a cloud of it."""
         kinds = [kind_of(name) for name in class_names]
         numbers = [*(kind.semantic_kitti + _THING * kind.is_thing for kind in kinds), UNLABELLED]

@@ -318,7 +318,7 @@ class DrjitOps:
             retire_with(table, uploaded)
         if (kind, cells) not in uploaded:
             values = table.cells() if cells else table.values
-            uploaded[kind, cells] = kind(aligned_copy(values.ravel(), np.float32))
+            uploaded[kind, cells] = kind(aligned_copy(np.float32, values.ravel()))
         array = uploaded[kind, cells]
         if self.lookups is not None and all(array is not known for known in self.lookups):
             self.lookups.append(array)
@@ -514,17 +514,16 @@ _ALIGNMENT = 64
 """Bytes; no load that LLVM emits (AVX-512) wants a larger alignment."""
 
 
-def aligned_copy(values: Numbers, dtype: type[np.generic]) -> Numbers:
-    """Copy (n,) values into memory that starts at a multiple of `_ALIGNMENT`."""
+def aligned_copy(dtype: type[np.generic], *parts: Numbers) -> Numbers:
+    """Copy arrays of one axis, one behind the other, into memory that starts at a multiple of `_ALIGNMENT`."""
     # On the CPU Dr.Jit maps NumPy's memory without a copy and writes its alignment into the kernel. NumPy aligns to 16
     # bytes and more by chance: of twelve frames of changing size eight compiled a kernel for that reason alone. Four
     # neighbours of a table are one load only where it is aligned.
-    size = np.dtype(dtype).itemsize * len(values)
+    size = np.dtype(dtype).itemsize * sum(map(len, parts))
     room = np.zeros(size + _ALIGNMENT, dtype=np.uint8)
     start = -room.ctypes.data % _ALIGNMENT
     aligned = room[start : start + size].view(dtype)
-    aligned[:] = values
-    return aligned
+    return np.concatenate(parts, out=aligned, casting="unsafe")
 
 
 def is_drjit(x: object) -> bool:

@@ -9,21 +9,31 @@ Symbols: p point, o origin, v velocity [m/s], w angular velocity [rad/s].
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any, Protocol
 
 import numpy as np
 
 from .arrays import Lanes, Numbers, xp
 from .box_tree import BoxTree
 from .pose import Pose, rotation_numbers
-from .trajectory import Motion, states_of
+from .trajectory import Motion, States, states_of
 from .vectors import Vector
 
-STEP_S = 5e-4
-"""Accuracy bought: longest step of the tables. Linear interpolation is off by 0.3 um at 10 m/s2, 0.3 urad at 10 rad/s2,
-and 0.5 um on an arc at 30 m/s and 30 degrees/s."""
+STEP_S = 2e-3
+"""Accuracy bought: longest step of the tables. Linear interpolation is off by 5 um at 10 m/s2, 5 urad at 10 rad/s2, and
+8 um on an arc at 30 m/s and 30 degrees/s: less than the rounding of a place 200 m away."""
+
+LARGEST_MISS_M = 2e-5
+"""Accuracy bought: what straight lines between two instants may miss, 1 m from the origin of a frame too. Where they
+miss more, steps are `FINE_STEP_S`: no vehicle and nobody who walks brakes or turns so hard."""
+
+FINE_STEP_S = 5e-4
+"""Accuracy bought: longest step of those tables: an antenna that reaches 1 m and turns twice a second is off by 5 um,
+one that turns ten times a second by 0.12 mm."""
 
 NOWHERE = ((math.inf,) * 3, (-math.inf,) * 3)
 """Lowest and highest corner of a box that nothing is in, and that no ray passes."""
@@ -34,8 +44,12 @@ _TOGETHER = 4096
 # Place, quaternion, velocity, angular velocity, phase and level of a stride, padding: four neighbours are one load.
 _NUMBERS = 16
 
-Walk = Callable[[Numbers], Numbers]
-"""Phase and level of a walker's stride (`scene.walking`), (n, 2), at (n,) times."""
+
+class Strides(Protocol):
+    """Place of a walker in its stride over time (`scene.walking`)."""
+
+    def __call__(self, time_s: Numbers, states: States | None = None) -> Numbers:
+        """(n, 2) phase and level at (n,) times; ``states`` of its motion then, where they are known."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,6 +131,59 @@ class Placement:
         return vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Travel:
+    """Motions of one frame.
+
+    Attributes:
+        motions: of the sensor, and of what moves
+        start_s: time at which the frame begins
+        length_s: its length
+        carried_m: (m, 2, 3) lowest and highest corner of what each of the last m motions carries, in its frame;
+            infinite where it carries nothing, whose box in the traced frame is `NOWHERE`
+        walks: of the last motions, those of walkers
+    """
+
+    motions: Sequence[Motion]
+    start_s: float
+    length_s: float
+    carried_m: Numbers | None = None
+    walks: Sequence[Strides | None] = ()
+
+    @property
+    def distinct(self) -> list[Motion]:
+        """Each motion once: all that a vehicle carries rides on it, and what a frame does not show rests."""
+        return list(dict.fromkeys(self.motions))
+
+    def instants(self, step_s: float) -> Numbers:
+        """(n,) times of a table with steps no longer than this."""
+        # Between two instants everything goes straight on: where it does so anyway, two are enough.
+        bends = not all(motion.is_straight for motion in self.motions)
+        steps = max(math.ceil(self.length_s / step_s), 1) if bends else 1
+        return self.start_s + np.linspace(0.0, self.length_s, steps + 1)
+
+
+def _miss_m(states: States, step_s: float) -> float:
+    """Distance by which lines between two instants miss the motions, and what turns 1 m from their origins [m]."""
+    # a h^2 / 8 of a path, and w^2 h^2 / 8 of the arc around the origin.
+    path_m = np.linalg.norm(np.diff(states.velocity_m_s, axis=1), axis=2).max() * step_s / 8.0
+    arc_m = np.square(states.turning_rad_s).sum(axis=2).max() * step_s**2 / 8.0
+    return float(max(path_m, arc_m))
+
+
+def _states_together(frames: Sequence[Travel], step_s: float) -> list[States]:
+    """States of the distinct motions of frames of as many instants each, (motions, instants, ...)."""
+    distinct = [frame.distinct for frame in frames]
+    motions = [motion for own in distinct for motion in own]
+    times = np.repeat([frame.instants(step_s) for frame in frames], [len(own) for own in distinct], axis=0)
+    # So many together as processors hold in their caches.
+    many = max(_TOGETHER // times.shape[1], 1)
+    parts = [slice(first, first + many) for first in range(0, len(motions), many)]
+    states = States.joined([states_of(motions[part], times[part]) for part in parts])
+    ends = itertools.accumulate(map(len, distinct))
+    return [states.taken(slice(end - len(own), end)) for own, end in zip(distinct, ends, strict=True)]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotionTable:
     """Several motions over one frame, on an even grid of times; or over several frames (`joined`).
@@ -140,55 +207,55 @@ class MotionTable:
     first: Lanes = 0
 
     @classmethod
-    def from_motions(
-        cls,
-        motions: Sequence[Motion],
-        *,
-        start_s: float,
-        length_s: float,
-        centre_m: Numbers,
-        carried_m: Numbers | None = None,
-        walks: Sequence[Walk | None] = (),
-    ) -> MotionTable:
-        """Tabulate motions from ``start_s``, for ``length_s``.
+    def from_motions(cls, motions: Sequence[Motion], *, centre_m: Numbers, **travel: Any) -> MotionTable:
+        """Tabulate the motions of one frame.
 
-        carried_m (m, 2, 3) lowest and highest corner of what each of the last m motions carries, in its frame;
-                  infinite where it carries nothing, whose box in the traced frame is `NOWHERE`
+        Args:
+            motions: those of `Travel`
+            centre_m: as in `of_frames`
+            travel: the other fields of `Travel`
+        """
+        return cls.of_frames([Travel(motions=motions, **travel)], centre_m=centre_m)[0]
+
+    @classmethod
+    def of_frames(cls, frames: Sequence[Travel], *, centre_m: Numbers, step_s: float = STEP_S) -> list[MotionTable]:
+        """Tabulate the motions of several frames, each table as if alone.
 
         Args:
             centre_m: (3,) origin of the traced frame in the world
-            walks: of the last motions, those of walkers
+            step_s: longest step where lines between two instants miss little
         """
-        # Between two instants everything goes straight on: where it does so anyway, two are enough.
-        bends = not all(motion.is_straight for motion in motions)
-        steps = max(math.ceil(length_s / STEP_S), 1) if bends else 1
-        times = start_s + np.linspace(0.0, length_s, steps + 1)
-        # All that a vehicle carries rides on it, and what a frame does not show rests: each motion once.
-        distinct = list(dict.fromkeys(motions))
-        table = np.zeros((len(distinct), steps + 1, _NUMBERS))
-        rotations = np.zeros((len(distinct), steps + 1, 3, 3))
-        # So many together as processors hold in their caches.
-        many = max(_TOGETHER // len(times), 1)
-        for part in (slice(first, first + many) for first in range(0, len(distinct), many)):
-            rows, together = table[part], distinct[part]
-            states = states_of(together, np.broadcast_to(times, (len(together), len(times))))
-            rotations[part] = states.rotation
-            rows[:, :, :3], rows[:, :, 7:10], rows[:, :, 10:13] = (
-                states.position_m,
-                states.velocity_m_s,
-                states.turning_rad_s,
-            )
-        table[:, :, :3] -= centre_m
-        table[:, :, 3:7] = _with_continuous_signs(_quaternion(rotations))
-        table = table[[distinct.index(motion) for motion in motions]]
-        for rows, walk in zip(table[len(table) - len(walks) :], walks, strict=True):
+        tables = []
+        for _, alike in itertools.groupby(frames, key=lambda frame: len(frame.instants(step_s))):
+            group = list(alike)
+            for frame, states in zip(group, _states_together(group, step_s), strict=True):
+                times = frame.instants(step_s)
+                if step_s > FINE_STEP_S and _miss_m(states, times[1] - times[0]) > LARGEST_MISS_M:
+                    tables += cls.of_frames([frame], centre_m=centre_m, step_s=FINE_STEP_S)
+                else:
+                    tables.append(cls._of_states(frame, times, states, centre_m))
+        return tables
+
+    @classmethod
+    def _of_states(cls, frame: Travel, times: Numbers, states: States, centre_m: Numbers) -> MotionTable:
+        """Tabulate the states of the distinct motions of a frame at its instants."""
+        table = np.zeros((*states.position_m.shape[:2], _NUMBERS))
+        table[:, :, :3] = states.position_m - centre_m
+        table[:, :, 3:7] = _with_continuous_signs(_quaternion(states.rotation))
+        table[:, :, 7:10], table[:, :, 10:13] = states.velocity_m_s, states.turning_rad_s
+        row_of = {motion: row for row, motion in enumerate(frame.distinct)}
+        rows = [row_of[motion] for motion in frame.motions]
+        table = table[rows]
+        walkers = range(len(rows) - len(frame.walks), len(rows))
+        for number, walk in zip(walkers, frame.walks, strict=True):
             if walk is not None:
-                rows[:, 13:15] = walk(times)
-                rows[:, 13] -= np.floor(rows[0, 13])  # small, for single precision
+                table[number, :, 13:15] = walk(times, states.taken(rows[number]))
+                table[number, :, 13] -= np.floor(table[number, 0, 13])  # small, for single precision
         boxes = None
-        if carried_m is not None:
-            boxes = BoxTree.from_boxes(_swept_boxes(table[len(table) - len(carried_m) :], carried_m))
-        return cls(table=table.ravel(), rate_hz=steps / length_s, last=float(steps), count=len(motions), boxes=boxes)
+        if frame.carried_m is not None:
+            boxes = BoxTree.from_boxes(_swept_boxes(table[len(table) - len(frame.carried_m) :], frame.carried_m))
+        steps = len(times) - 1
+        return cls(table=table.ravel(), rate_hz=steps / frame.length_s, last=float(steps), count=len(rows), boxes=boxes)
 
     @classmethod
     def joined(cls, tables: Sequence[MotionTable]) -> MotionTable:
@@ -199,6 +266,11 @@ class MotionTable:
             table=np.concatenate([np.asarray(table.table) for table in tables]),
             boxes=BoxTree.joined(boxes) if boxes else None,
         )
+
+    def at_start(self) -> tuple[Numbers, Numbers]:
+        """(motions, 3) places in the traced frame and (motions, 3, 3) rotations, as the first frame begins; NumPy."""
+        numbers = np.asarray(self.table).reshape(-1, int(self.last) + 1, _NUMBERS)[: int(self.count), 0, :7].T
+        return numbers[:3].T, np.stack(rotation_numbers(*numbers[3:]), axis=-1).reshape(-1, 3, 3)
 
     def goes_with(self, other: MotionTable) -> bool:
         """Whether it has as many motions and instants as another one, of the same rate in single precision."""

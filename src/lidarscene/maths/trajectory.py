@@ -46,9 +46,14 @@ class States:
     velocity_m_s: Numbers
     turning_rad_s: Numbers
 
-    def taken(self, index: int | Sequence[int] | Numbers) -> States:
+    def taken(self, index: int | slice | Sequence[int] | Numbers) -> States:
         """The states of one motion, or of several, of those that were computed together: (m, n, ...) arrays."""
         return States(**{name: getattr(self, name)[index] for name in _STATE_NAMES})
+
+    @classmethod
+    def joined(cls, parts: Sequence[States]) -> States:
+        """States of several groups of motions, one after the other."""
+        return cls(**{name: np.concatenate([getattr(each, name) for each in parts]) for name in _STATE_NAMES})
 
     def reshaped(self, shape: tuple[int, ...]) -> States:
         """The same states with other leading axes than one of instants."""
@@ -80,7 +85,14 @@ class Motion(Protocol):
 
 def pose_at(motion: Motion, time_s: float = 0.0) -> Pose:
     """Pose of a motion at a time, or at the nearest end of its span."""
-    return motion.at(np.clip([time_s], *motion.span_s)).pose()
+    return poses_over(motion, np.array([time_s]))[0]
+
+
+def poses_over(motion: Motion, time_s: Numbers) -> list[Pose]:
+    """Poses of a motion at (n,) times, as `pose_at` bit for bit."""
+    # Each time as if alone: NumPy rounds a product of one row of a matrix otherwise than that of many.
+    states = states_of([motion] * len(time_s), np.clip(time_s, *motion.span_s)[:, None])
+    return [states.taken(row).pose() for row in range(len(time_s))]
 
 
 def poses_at(motions: Sequence[Motion | None], time_s: float) -> list[Pose | None]:
@@ -451,7 +463,7 @@ def states_of(motions: Sequence[Motion], time_s: Numbers) -> States:
             groups.append(kind(members, times))
     if len(groups) == 1:
         return groups[0]
-    return _joined(groups).taken(np.argsort([row for indices in rows.values() for row in indices]))
+    return States.joined(groups).taken(np.argsort([row for indices in rows.values() for row in indices]))
 
 
 def states_alone(motion: Motion, time_s: Numbers) -> States:
@@ -468,11 +480,6 @@ def _clipped_to_spans(motions: Sequence[_BeyondEnds], time_s: Numbers) -> Number
 def _stacked(states: Sequence[States]) -> States:
     """States of several motions at n instants each, as (m, n, ...)."""
     return States(**{name: np.stack([getattr(each, name) for each in states]) for name in _STATE_NAMES})
-
-
-def _joined(states: Sequence[States]) -> States:
-    """States of several groups of motions, one after the other."""
-    return States(**{name: np.concatenate([getattr(each, name) for each in states]) for name in _STATE_NAMES})
 
 
 def motion_in_frame(motion: Motion, start_s: float) -> Motion:

@@ -37,7 +37,7 @@ def check_detections(scene: Scene, sensor: Sensor, values: Callable[[str], Numbe
     Args:
         values: gives a field of `kernel.rays.point_columns.with_nan_outcomes`, (n,) by its name
     """
-    if (values("outcome") == NOT_A_NUMBER).any():
+    if values("outcome").max(initial=0) == NOT_A_NUMBER:
         names = ("snr", "detection_probability")
         raise _nan_error(scene, sensor, {name: values(name) for name in names}, "pulses")
 

@@ -6,7 +6,7 @@ motion.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,11 +17,11 @@ from ..errors import InputError
 from ..kernel.device import transfer
 from ..kernel.rays.kept_lanes import NO_PULSE
 from ..kernel.world.mitsuba_world import World, fixed_placement, motions_on_device, mover_boxes
-from ..maths.arrays import Numbers
-from ..maths.motion_table import MotionTable, MovingBodies, Placement
+from ..maths.arrays import Array, Numbers, xp
+from ..maths.motion_table import MotionTable, MovingBodies, Placement, Travel
 from ..maths.pose import Pose
 from ..maths.random import ROLLOVERS, Seed
-from ..maths.trajectory import CLOCK_ROUNDING_S, Course, Motion, Riding, motion_in_frame, pose_at
+from ..maths.trajectory import CLOCK_ROUNDING_S, Course, Motion, Riding, motion_in_frame, poses_over
 from ..scan import Scanner
 from ..scene.scene import Body, Scene
 from ..sensor.sensor_model import Sensor
@@ -48,6 +48,7 @@ class Frame:
         vehicle: pose of the ego vehicle in the world at the start
         paths: sampled poses of the sensor (0) and of the world's movers (1, ...); None: nothing moves
         moves: whether the sensor moves
+        movers: bodies in the places of the world's movers
         bodies: `World.bodies_in_frame`
     """
 
@@ -60,51 +61,68 @@ class Frame:
     vehicle: Pose
     paths: MotionTable | None
     moves: bool
+    movers: Sequence[Body]
     bodies: Numbers | None
     _scanner: Scanner
     _centre_m: Numbers
 
     @classmethod
-    def from_options(cls, scene: Scene, sensor: Sensor, world: World, options: FrameOptions, *, pose: Pose) -> Frame:
-        """Build the frame that ``options`` choose, with the sensor at a pose.
+    def from_options(
+        cls, scene: Scene, sensor: Sensor, world: World, options: Sequence[FrameOptions], *, pose: Pose
+    ) -> list[Frame]:
+        """Build the frames that ``options`` choose, with the sensor at a pose.
 
         Raises:
-            InputError: where a motion does not last as long as the frame, or the frame's number is too high
+            InputError: where a motion does not last as long as a frame, or a frame's number is too high
         """
-        number = options.number
-        scanner_s, length_s = check_frame(scene, sensor.scanner, number=number, begin_s=options.begin_s)
-        start_s = options.begin_s + scanner_s
-        riding = sensor_motion(scene, sensor, pose)
-        vehicle = Pose() if scene.ego is None else pose_at(scene.ego, start_s)
-        place = vehicle @ riding.pose
+        riding, frames, travels = sensor_motion(scene, sensor, pose), [], []
+        edges = [check_frame(scene, sensor.scanner, number=own.number, begin_s=own.begin_s) for own in options]
+        starts_s = [own.begin_s + scanner_s for own, (scanner_s, _) in zip(options, edges, strict=True)]
+        vehicles = poses_over(scene.ego or Course(), np.array(starts_s))
+        for own, (scanner_s, length_s), start_s, vehicle in zip(options, edges, starts_s, vehicles, strict=True):
+            rollover, since = divmod(own.number, _frames_numbered(sensor.scanner))
+            movers = [mover.in_frame(start_s) for mover in world.movers]
+            travels.append(
+                Travel(
+                    motions=[riding, *(_motion_of(mover.body, start_s) for mover in movers)],
+                    start_s=start_s,
+                    length_s=length_s,
+                    carried_m=mover_boxes(movers, start_s),
+                    walks=[mover.walk_in_frame(start_s) for mover in movers],
+                )
+            )
+            frames.append(
+                cls(
+                    number=own.number,
+                    rollover=rollover,
+                    first_pulse=since * sensor.scanner.pulses,
+                    scanner_s=scanner_s,
+                    start_s=start_s,
+                    place=vehicle @ riding.pose,
+                    vehicle=vehicle,
+                    paths=None,
+                    moves=scene.ego is not None,
+                    movers=[mover.body for mover in movers],
+                    bodies=world.bodies_in_frame(start_s),
+                    _scanner=sensor.scanner,
+                    _centre_m=world.centre_m,
+                )
+            )
+        if scene.ego is None and not world.movers:
+            return frames
         # Poses at the times of all pulses would be large. So each path is sampled once a frame, and the device
         # interpolates between the samples (`maths.motion_table`).
-        paths = None
-        if scene.ego is not None or world.movers:
-            movers = [mover.in_frame(start_s) for mover in world.movers]
-            paths = MotionTable.from_motions(
-                [riding, *(_motion_of(mover.body, start_s) for mover in movers)],
-                start_s=start_s,
-                length_s=length_s,
-                centre_m=world.centre_m,
-                carried_m=mover_boxes(movers, start_s),
-                walks=[mover.walk_in_frame(start_s) for mover in movers],
-            )
-        rollover, since = divmod(number, _frames_numbered(sensor.scanner))
-        return cls(
-            number=number,
-            rollover=rollover,
-            first_pulse=since * sensor.scanner.pulses,
-            scanner_s=scanner_s,
-            start_s=start_s,
-            place=place,
-            vehicle=vehicle,
-            paths=paths,
-            moves=scene.ego is not None,
-            bodies=world.bodies_in_frame(start_s),
-            _scanner=sensor.scanner,
-            _centre_m=world.centre_m,
-        )
+        tables = MotionTable.of_frames(travels, centre_m=world.centre_m)
+        return [replace(frame, paths=paths) for frame, paths in zip(frames, tables, strict=True)]
+
+    def standing(self) -> dict[Motion, Pose]:
+        """Poses of the bodies that move and that the frame shows, as it begins, by their motions."""
+        if self.paths is None:
+            return {}
+        places_m, rotations = self.paths.at_start()
+        rows = zip(self.movers, places_m[1:] + self._centre_m, rotations[1:], strict=True)
+        shown = ((body.motion, place_m, rotation) for body, place_m, rotation in rows if body.is_present(self.start_s))
+        return {motion: Pose(position_m=place_m, rotation=rotation) for motion, place_m, rotation in shown if motion}
 
     def goes_with(self, other: Frame) -> bool:
         """Whether its pulses and those of another frame can be traced together."""
@@ -147,18 +165,20 @@ class Frame:
         """`PulseClock.before` of pulse 0 since the rollover."""
         return self._scanner.clock.before(self._earlier_pulses)
 
-    def departures(self, pulse: Numbers) -> tuple[Any, Any]:
+    def departures(self, pulse: Array, times_s: Array) -> tuple[Any, Any]:
         """Times [s] since the first pulse of their frame at which these pulses leave, (n,) on the device.
+
+        Args:
+            pulse: (n,) numbers on the device; `NO_PULSE` leaves with the first pulse
+            times_s: those of the pulses of a frame, on the device
 
         Returns:
             the times, and the number of the frame, counted from this one
         """
-        # Counted from the first frame's start: the same bits in every frame, so that they can be kept. Single precision
-        # is enough for times within a frame: 0.1 s to 7 ns, in which nothing goes anywhere.
-        start_s = self._scanner.time_s(np.zeros(1, np.uint32))
-        pulse = np.where(pulse >= NO_PULSE, np.uint32(self.first_pulse), pulse)
-        number, place = np.divmod(pulse - np.uint32(self.first_pulse), np.uint32(self._scanner.pulses))
-        return transfer.from_numpy(self._scanner.time_s(place) - start_s), transfer.whole_numbers(number)
+        ops = xp(pulse)
+        since = ops.where(pulse >= NO_PULSE, 0, ops.int32(pulse) - transfer.opaque(self.first_pulse))
+        number, place = ops.divmod(since, transfer.opaque(self._scanner.pulses))
+        return ops.take(times_s, place), number
 
     def placements(
         self, departures: Callable[[], tuple[Any, Any]], rays: int = 1

@@ -89,5 +89,6 @@ class Summary(HintedAttributes):
 
 def _counts(values: Numbers, kinds: int) -> Numbers:
     """Count each of 0 .. kinds - 1 among the values; for a few kinds five times as fast as a histogram."""
-    counts = [np.count_nonzero(values == kind) for kind in range(1, kinds)]
+    flags = np.zeros(len(values), dtype=bool)  # of all kinds: new memory takes longer than to compare
+    counts = [np.count_nonzero(np.equal(values, kind, out=flags)) for kind in range(1, kinds)]
     return np.array([len(values) - sum(counts), *counts])

@@ -65,8 +65,8 @@ class Launch:
         return values[order.lane[own]] if order is not None and (ordered or has_gaps) else values[own]
 
 
-def rows_of(pulse: Numbers, numbers: Numbers) -> slice:
-    """Rows of rising pulse numbers that are those of ``numbers``, which follow each other."""
+def rows_of(pulse: Numbers, numbers: range) -> slice:
+    """Rows of rising pulse numbers that are those of ``numbers``."""
     # Of their own type: NumPy would convert all that are searched to another one.
-    first, end = np.searchsorted(pulse, np.array([numbers[0], numbers[-1] + 1], pulse.dtype))
+    first, end = np.searchsorted(pulse, np.array([numbers.start, numbers.stop], pulse.dtype))
     return slice(int(first), int(end))

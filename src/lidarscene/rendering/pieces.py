@@ -8,12 +8,13 @@ whatever was rendered before.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from weakref import WeakValueDictionary
 
 import numpy as np
 
 from ..kernel.world.mitsuba_world import World, build_world
-from ..maths.trajectory import pose_at
+from ..maths.trajectory import pose_at, poses_over
 from ..scene.clearance import Clearance
 from ..scene.scene import Scene
 
@@ -23,12 +24,12 @@ Piece = tuple[int, int]
 _worlds: WeakValueDictionary[tuple[object, ...], World] = WeakValueDictionary()
 
 
-def piece_of(scene: Scene, time_s: float) -> Piece | None:
-    """Return the piece in which the ego vehicle is at a time; None for a scene that is not cut."""
+def pieces_of(scene: Scene, times_s: Sequence[float]) -> Sequence[Piece | None]:
+    """Pieces in which the ego vehicle is at these times; None for a scene that is not cut."""
     if scene.ego is None or math.isinf(scene.reach_m):
-        return None
-    x_m, y_m, _ = pose_at(scene.ego, time_s).position_m
-    return math.floor(x_m / scene.reach_m), math.floor(y_m / scene.reach_m)
+        return [None] * len(times_s)
+    places_m = [pose.position_m for pose in poses_over(scene.ego, np.array(times_s))]
+    return [(math.floor(x_m / scene.reach_m), math.floor(y_m / scene.reach_m)) for x_m, y_m, _ in places_m]
 
 
 def world_of_piece(

@@ -10,6 +10,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated, Any, ClassVar, Literal, Unpack, cast, overload
@@ -50,7 +51,7 @@ from .extremes import check_detections, points_error
 from .frame import Frame, check_frame, sensor_motion
 from .frame_summary import Summary as Summary
 from .launch import Launch, rows_of
-from .pieces import Piece, piece_of, world_of_piece
+from .pieces import pieces_of, world_of_piece
 from .render_options import (
     FrameKeywords,
     FrameOptions,
@@ -61,7 +62,7 @@ from .render_options import (
     TraceOptions,
 )
 from .stages import Chain, Stages, TracedPaths
-from .tiles import LANES, PACKET, DevicePulses, Numbering
+from .tiles import LANES, PACKET, Numbering
 
 READ_COLUMNS = "status", collect.NAN_COLUMN, collect.PULSE_COLUMN
 """Columns that are read in NumPy also where the others stay on the device."""
@@ -141,7 +142,7 @@ class Simulator(HintedAttributes):
         self.sensor = sensor = load_sensor(scene.sensor_name if sensor is None else sensor)
         self.pose = scene.sensor_pose if pose is None else to_pose(pose)
         self.clearance = Clearance.of_scene(scene)
-        self._piece = piece_of(scene, 0.0)
+        (self._piece,) = pieces_of(scene, [0.0])
         self.world = world or self._build_world()
         # The rays of one pulse are neighbours already.
         whole = 1 if sensor.optics.stray is None else sensor.scanner.line_pulses or 1
@@ -373,13 +374,18 @@ class Simulator(HintedAttributes):
 
     @exclusive
     def start_s(self, frame: FrameOptions) -> float:
-        """Time at which a frame begins, by the clock of the scene's motions [s]."""
-        return self._frame(frame).start_s
+        """Time at which a frame begins, by the clock of the scene's motions [s].
+
+        Raises:
+            InputError: where a motion does not last as long as the frame, or the frame's number is too high
+        """
+        scanner_s, _ = check_frame(self.scene, self.sensor.scanner, number=frame.number, begin_s=frame.begin_s)
+        return frame.begin_s + scanner_s
 
     @exclusive
     def to_world(self, frame: FrameOptions) -> Pose:
         """Pose in the world, as the frame begins, of the coordinates of its points."""
-        current_frame = self._frame(frame)
+        current_frame = self._started_frame(frame) or self._frame(frame)
         return current_frame.place @ current_frame.goal(frame.coordinates).inverse()
 
     def _hand_out(
@@ -462,10 +468,12 @@ class Simulator(HintedAttributes):
             since = time.perf_counter()
             check_detections(self.scene, self.sensor, partial(launch.values, frame, ordered=False))
             outcome = launch.values(frame, "outcome", ordered=needs_order)
-            numbers = np.arange(first, first + len(outcome))
+            numbers = range(first, first + len(outcome))
             columns = self._points(launch, frame, numbers)
             if observers.ambient is not None:
-                observers.ambient(frame.pulses_in_run(numbers), launch.values(frame, "ambient").astype(np.uint64))
+                observers.ambient(
+                    frame.pulses_in_run(np.array(numbers)), launch.values(frame, "ambient").astype(np.uint64)
+                )
             if observers.points is not None:
                 of_points = frame.pulses_in_run(columns.numpy(collect.PULSE_COLUMN))
                 observers.points(of_points, self._surfaces(launch, frame, numbers))
@@ -509,7 +517,7 @@ class Simulator(HintedAttributes):
             launch.columns = self._columns(run, launch.parts, placing)
         summary.add_time("collect", since)
 
-    def _points(self, launch: Launch, frame: Frame, numbers: Numbers) -> DeviceColumns:
+    def _points(self, launch: Launch, frame: Frame, numbers: range) -> DeviceColumns:
         """Points of the pulses of these numbers.
 
         Raises:
@@ -546,21 +554,25 @@ class Simulator(HintedAttributes):
         limit, best = (max(pulses // self.sensor.scanner.pulses, 1) for pulses in (chunk, min(chunk, launch)))
         # Launches are alike: a few frames more cost less than a launch for the last of them.
         most = math.ceil(frames / max(round(frames / best), math.ceil(frames / limit), 1))
+        numbers = range(options.number, options.number + (most if self.numbering.goes_together else 1))
+        following, starts_s = [replace(options, number=number) for number in numbers], list[float]()
+        with suppress(InputError):  # raised when that frame is rendered
+            for own in following:
+                starts_s.append(self.start_s(own))
+        pieces = pieces_of(self.scene, starts_s) if starts_s else []
+        following = following[: next((row for row, piece in enumerate(pieces) if piece != self._piece), len(pieces))]
+        if not following:
+            return None
         together = list[tuple[FrameOptions, Frame]]()
-        for number in range(options.number, options.number + (most if self.numbering.goes_together else 1)):
-            following = replace(options, number=number)
-            try:
-                if self._piece_at(following) != self._piece:
+        with suppress(InputError):
+            for own, frame in zip(following, self._frames(following), strict=True):
+                self._check_clearance(frame.place, frame.start_s, frame.standing())
+                first = together[0][1] if together else frame
+                if not frame.goes_with(first):
                     break
-                frame = self._frame(following)
-            except InputError:  # raised when that frame is rendered
-                break
-            if together and not frame.goes_with(together[0][1]):
-                break
-            places = {is_far(each.goal(options.coordinates)) for each in (frame, *(own for _, own in together[:1]))}
-            if len(places) > 1:
-                break
-            together.append((following, frame))
+                if is_far(frame.goal(options.coordinates)) != is_far(first.goal(options.coordinates)):
+                    break
+                together.append((own, frame))
         return self._started(together, together[0][1].first_pulse) if together else None
 
     def _started(self, frames: Sequence[tuple[FrameOptions, Frame]], first: int) -> Launch:
@@ -618,7 +630,7 @@ class Simulator(HintedAttributes):
         retraced = kept_lanes.Retraced.from_lanes(several, mask)
         pulse = retraced.pulses(part.pulse)
         blocks.share_out(len(pulse) * self.trace.rays)
-        traced = self._chain(frame, DevicePulses(pulse, lambda: frame.departures(pulse.numpy())), seed, lines=lines)
+        traced = self._chain(frame, self.numbering.chosen(frame, pulse), seed, lines=lines)
         transfer.wait()
         blocks.rest()
         return replace(traced, retraced=retraced, twice=several is not lanes)
@@ -682,9 +694,8 @@ class Simulator(HintedAttributes):
         whole = self.numbering.whole
         before = first % whole
         traced = -(-(before + count) // whole) * whole
-        numbers = np.arange(first - before, first - before + traced, dtype=np.uint32)
         blocks.share_frame(traced * self.trace.rays)
-        pulses = DevicePulses(transfer.counter(first - before, traced), lambda: frame.departures(numbers))
+        pulses = self.numbering.chosen(frame, transfer.counter(first - before, traced))
         train = cast(EchoTrain, transfer.fetch(self._stages.pulse_train(frame, pulses, seed)))
         return train if traced == count else train.part(before, count, of=traced)
 
@@ -720,7 +731,7 @@ class Simulator(HintedAttributes):
             placing=placing.of_pulses,
         )
 
-    def _surfaces(self, launch: Launch, frame: Frame, numbers: Numbers) -> dict[str, Numbers]:
+    def _surfaces(self, launch: Launch, frame: Frame, numbers: range) -> dict[str, Numbers]:
         """`collect.surface_columns` of the pulses of these numbers in NumPy; empty without any surface."""
         if launch.surfaces is None:
             launch.surfaces = join_columns([self._surfaces_of_part(part) for part in launch.parts])
@@ -739,9 +750,13 @@ class Simulator(HintedAttributes):
         return {name: values[:count] for name, values in transfer.fetch_columns(columns).items()}
 
     def _frame(self, options: FrameOptions) -> Frame:
-        frame = Frame.from_options(self.scene, self.sensor, self.world, options, pose=options.pose or self.pose)
-        self._check_clearance(frame.place, frame.start_s)
+        (frame,) = self._frames([options])
+        self._check_clearance(frame.place, frame.start_s, frame.standing())
         return frame
+
+    def _frames(self, options: Sequence[FrameOptions]) -> list[Frame]:
+        """Frames of these options, which differ in number only; no clearance is checked."""
+        return Frame.from_options(self.scene, self.sensor, self.world, options, pose=options[0].pose or self.pose)
 
     def _started_frame(self, options: FrameOptions) -> Frame | None:
         """Frame of these options that the device has already; None without one."""
@@ -752,26 +767,21 @@ class Simulator(HintedAttributes):
         """Frame of these options, in the piece of the scene that is compiled then."""
         if (started := self._started_frame(options)) is not None:
             return started
-        piece = self._piece_at(options)
+        (piece,) = pieces_of(self.scene, [self.start_s(options)])
         if piece != self._piece:
             self._piece = piece
             self.world = self._build_world()
             self._prepare_stages()
         return self._frame(options)
 
-    def _piece_at(self, options: FrameOptions) -> Piece | None:
-        """Piece of the scene in which the vehicle is as a frame begins.
-
-        Raises:
-            InputError: as `check_frame`
-        """
-        scanner_s, _ = check_frame(self.scene, self.sensor.scanner, number=options.number, begin_s=options.begin_s)
-        return piece_of(self.scene, options.begin_s + scanner_s)
-
-    def _check_clearance(self, place: Pose, start_s: float) -> None:
-        """Raise InputError for a sensor on or in a surface."""
+    def _check_clearance(self, place: Pose, start_s: float, standing: Mapping[Motion, Pose] | None = None) -> None:
+        """Raise InputError for a sensor on or in a surface; ``standing`` as for `Clearance.check`."""
         self.clearance.check(
-            place.position_m, radius_m=float(self.sensor.housing_m), time_s=start_s, sensor=self.sensor.name
+            place.position_m,
+            radius_m=float(self.sensor.housing_m),
+            time_s=start_s,
+            sensor=self.sensor.name,
+            standing=standing or {},
         )
 
     def _description(self, frame: Frame, options: FrameOptions) -> dict[str, Any]:

@@ -7,15 +7,17 @@ the lidar equation has no value. `rendering.surroundings` warns of other odd pla
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 from ..errors import OptionError
 from ..maths.arrays import Numbers
-from ..maths.trajectory import pose_at, poses_at
+from ..maths.pose import Pose
+from ..maths.trajectory import Motion, pose_at, poses_at
 from .scene import Ball, Body, Part, Scene, box_of
 
 NARROWEST_ROOM_M = 1.0
@@ -89,24 +91,40 @@ class Clearance:
         around[[body.motion is not None for body in bodies]] = [[-np.inf], [np.inf]]
         return cls(bodies=tuple(bodies), boxes=boxes, around=around)
 
-    def check(self, place_m: Numbers, *, radius_m: float, time_s: float, sensor: str) -> None:
+    def check(
+        self,
+        place_m: Numbers,
+        *,
+        radius_m: float,
+        time_s: float,
+        sensor: str,
+        standing: Mapping[Motion, Pose] = MappingProxyType({}),
+    ) -> None:
         """Raise InputError unless a ball around this place is clear of all surfaces, and in no thin body.
 
         Args:
             place_m: (3,) position of the sensor in the world
             radius_m: radius of the ball
             time_s: time by the clock of the scene's motions
+            standing: poses at this time that are known, by motion
         """
         low, high = self.around[:, 0] - radius_m, self.around[:, 1] + radius_m
         near_boxes = np.flatnonzero(((low <= place_m) & (place_m <= high)).all(axis=1)).tolist()
         nearby = [body_index for body_index in near_boxes if self.bodies[body_index].is_present(time_s)]
-        poses = poses_at([self.bodies[body_index].motion for body_index in nearby], time_s)
-        for body_index, pose_then in zip(nearby, poses, strict=True):
-            body, box = self.bodies[body_index], self.boxes[body_index]
-            pose = body.pose if pose_then is None else pose_then
-            point = pose.inverse_apply(place_m)
-            if not ((box[0] - radius_m <= point) & (point <= box[1] + radius_m)).all():
-                continue
+        if not nearby:
+            return
+        motions = [self.bodies[body_index].motion for body_index in nearby]
+        unknown = [motion if motion not in standing else None for motion in motions]
+        poses = [
+            self.bodies[body_index].pose if motion is None else then or standing[motion]
+            for body_index, motion, then in zip(nearby, motions, poses_at(unknown, time_s), strict=True)
+        ]
+        turns, places_m = (np.stack([getattr(pose, name) for pose in poses]) for name in ("rotation", "position_m"))
+        points = np.einsum("bji,bj->bi", turns, place_m - places_m)
+        boxes = self.boxes[nearby]
+        within = ((boxes[:, 0] - radius_m <= points) & (points <= boxes[:, 1] + radius_m)).all(axis=1)
+        for row in np.flatnonzero(within).tolist():
+            body, box, point = self.bodies[nearby[row]], boxes[row], points[row]
             near = min(self._distance_m(part, point, radius_m) for part in body.parts)
             place_text = ", ".join(f"{coordinate:g}" for coordinate in np.round(place_m, 3) + 0.0)
             must = f"sensor '{sensor}' at ({place_text}): must stand at least {1e3 * radius_m:g} mm off every surface"

@@ -9,7 +9,7 @@ import functools
 import itertools
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -27,6 +27,7 @@ from ..materials.material import Material
 from ..materials.material_file import catalogue_material
 from ..maths.arrays import Numbers, frozen
 from ..maths.attributes import HintedAttributes
+from ..maths.motion_table import Strides
 from ..maths.pose import Pose, direction_from_angles
 from ..maths.trajectory import ALWAYS, CLOCK_ROUNDING_S, Motion, Riding, motion_in_frame, pose_at
 from ..maths.units import FileKey, Quantity
@@ -216,8 +217,8 @@ class Body(HintedAttributes):
         first_s, last_s = self.present_s
         return not self.away and first_s - CLOCK_ROUNDING_S <= time_s <= last_s + CLOCK_ROUNDING_S
 
-    def walk_in_frame(self, start_s: float) -> Callable[[Numbers], Numbers] | None:
-        """Return what gives (n, 2) phase and level at (n,) times of a frame that begins at ``start_s``; None: rigid."""
+    def walk_in_frame(self, start_s: float) -> Strides | None:
+        """Return what gives phase and level at times of a frame that begins at ``start_s``; None: rigid."""
         if self.gait is None or self.motion is None:
             return None
         return functools.partial(self.gait.at, motion_in_frame(self.motion, start_s))

@@ -430,17 +430,22 @@ def _ground_bodies(
     Args:
         sheets: of the grounds that are still to be built, those on the ground left out
     """
-    bodies = []
     flat = RoughSurface.draw("flat", 0)
-    for number, (name, pose) in enumerate(_places(body)):
-        sheet = _sheet(body, pose, flat) if body.on_ground else next(sheets)
-        vertices_m, faces = sheet.mesh(body.kerb_m)
-        if body.on_ground:
-            vertices_m[:, 2] += _ground_below(ground, pose.apply(vertices_m)[:, :2], where)
+    places = _places(body)
+    laid = [_sheet(body, pose, flat) if body.on_ground else next(sheets) for _, pose in places]
+    meshes = [sheet.mesh(body.kerb_m) for sheet in laid]
+    if body.on_ground:
+        placed = [pose.apply(vertices_m)[:, :2] for (_, pose), (vertices_m, _) in zip(places, meshes, strict=True)]
+        ends = np.cumsum([len(place_m) for place_m in placed])
+        rises_m = np.split(_ground_below(ground, np.concatenate(placed), where), ends)[:-1]
+        for (vertices_m, _), rise_m in zip(meshes, rises_m, strict=True):
+            vertices_m[:, 2] += rise_m
+    bodies = []
+    for number, ((name, pose), (vertices_m, faces)) in enumerate(zip(places, meshes, strict=True)):
         part = Part(vertices_m=vertices_m, faces=faces, material=body.material or "", name=body.name)
         _check_extent((part,), where)
-        laid = Body(name=name, class_name=body.class_name or body.name, parts=(part,), pose=pose)
-        bodies.append(laid.made_from(_origin(body, folder, number)))
+        made = Body(name=name, class_name=body.class_name or body.name, parts=(part,), pose=pose)
+        bodies.append(made.made_from(_origin(body, folder, number)))
     return bodies
 
 
@@ -459,10 +464,11 @@ def _ground_below(ground: Ground, place_m: Numbers, where: str) -> Numbers:
 
 def _places(body: BodyFile) -> list[tuple[str, Pose]]:
     """Name and pose of the body, or of each of its instances."""
+    pose = body.pose()
     if body.instances is None:
-        return [(body.name, body.pose())]
+        return [(body.name, pose)]
     return [
-        (instance.name or f"{body.name}.{index}", body.pose() @ instance.pose())
+        (instance.name or f"{body.name}.{index}", pose @ instance.pose())
         for index, instance in enumerate(body.instances)
     ]
 

@@ -28,6 +28,8 @@ NORMAL_STEP = 1.37e-4
 LEAST_OVERLAP_M = 1e-3
 """Choice: least width of a shared place, metres: bodies that touch along an edge share nothing."""
 
+_MIXED = np.array([0x9E3779B1, 0x85EBCA77, 0xC2B2AE3D, 0x27D4EB2F], dtype=np.int64)
+
 BLOCK = 64
 """Triangles of one body that meet those of another at once, so that two sheets of `MOST_TRIANGLES` take 15 MiB."""
 
@@ -69,6 +71,12 @@ def shared_faces(scene: Scene, sensor_m: Numbers) -> list[SharedFaces]:
     # From the middle of the bodies: a normal's rounding counts by the distance.
     along = np.einsum("ij,ij->i", triangles[:, 0] - triangles.mean(axis=(0, 1)), normal)
     steps = np.column_stack([np.rint(normal / NORMAL_STEP), np.rint(along / PLANE_STEP_M)]).astype(np.int64)
+    # Leaves, of which there are most, have planes of their own: one sum, all but unique, sorts them out.
+    _, plane, count = np.unique(steps @ _MIXED, return_inverse=True, return_counts=True)
+    kept = count[plane] > 1
+    owner, triangles, normal, steps = owner[kept], triangles[kept], normal[kept], steps[kept]
+    if not len(owner):
+        return []
     order = np.lexsort((owner, *steps.T))
     begins = np.flatnonzero((np.diff(steps[order], axis=0, prepend=-1) != 0).any(axis=1))
     ends = np.append(begins[1:], len(order))

@@ -13,13 +13,14 @@ Symbols: n instants, k instants of a stride, v vertices.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import cast
 
 import numpy as np
 
 from ..maths.arrays import Numbers
-from ..maths.trajectory import ALWAYS, GoingOn, HeldAtEnds, Motion, Repeated, Riding
+from ..maths.trajectory import ALWAYS, GoingOn, HeldAtEnds, Motion, Repeated, Riding, States
 from .ride import Ride
 
 STEP_EXPONENT = 0.42
@@ -38,6 +39,9 @@ those who run or gallop have less."""
 
 _SOLE_SHARE = 0.002
 """Choice: share of the height of a walker within which a sole bears on the ground."""
+
+Way = Callable[[Numbers], Numbers]
+"""Strides since the start of a motion at (n,) times."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,7 +62,7 @@ class Gait:
     stands: bool = True
     ahead: tuple[float, float] = (1.0, 0.0)
     strides: float = 0.0
-    _ways: dict[tuple[int, tuple[float, float]], tuple[Motion, Numbers]] = field(repr=False, default_factory=dict)
+    _ways: dict[tuple[int, tuple[float, float]], tuple[Motion, Way]] = field(repr=False, default_factory=dict)
 
     @classmethod
     def of_strides(cls, strides_m: Sequence[Numbers], *, period_s: float, stands: bool) -> Gait | None:
@@ -71,12 +75,17 @@ class Gait:
         Returns:
             None where nothing bears: no vertex near the ground moves
         """
-        vertices_m = np.concatenate(strides_m, axis=1)
-        height_m = vertices_m[:, :, 2]
-        ground_m = float(height_m.min())
-        bears = height_m <= ground_m + _SOLE_SHARE * float(height_m.max() - ground_m)
+        heights_m = [stride_m[:, :, 2] for stride_m in strides_m]
+        ground_m = min(float(each.min()) for each in heights_m)
+        low_m = ground_m + _SOLE_SHARE * (max(float(each.max()) for each in heights_m) - ground_m)
+        # Few vertices ever bear.
+        soles_m = np.concatenate(
+            [stride_m[:, (each <= low_m).any(axis=0)] for stride_m, each in zip(strides_m, heights_m, strict=True)],
+            axis=1,
+        )
+        bears = soles_m[:, :, 2] <= low_m
         bears = bears[:-1] & bears[1:]
-        gone_m = np.diff(vertices_m, axis=0)[:, :, :2]
+        gone_m = np.diff(soles_m, axis=0)[:, :, :2]
         steps_m = [np.median(way_m[flags], axis=0) for way_m, flags in zip(gone_m, bears, strict=True) if flags.any()]
         back_m = len(gone_m) * np.median(steps_m, axis=0) if steps_m else np.zeros(2)
         stride_m = float(np.hypot(*back_m))
@@ -85,12 +94,15 @@ class Gait:
         x, y = -back_m / stride_m
         return cls(stride_m=stride_m, speed_m_s=stride_m / period_s, stands=stands, ahead=(float(x), float(y)))
 
-    def at(self, motion: Motion, time_s: Numbers) -> Numbers:
+    def at(self, motion: Motion, time_s: Numbers, states: States | None = None) -> Numbers:
         """(n, 2) phase, counted in strides, and level at (n,) times [s] of a motion.
 
         The phase counts from the start of a motion with an end. One without goes at a constant speed.
+
+        Args:
+            states: of the motion at these times, where they are known
         """
-        speed_m_s = self._speed_m_s(motion, time_s)
+        speed_m_s = self._speed_m_s(motion.at(time_s) if states is None else states)
         return np.stack([self.strides + self._phase(motion, time_s), self._level(speed_m_s)], axis=1)
 
     def continued(self, before: Motion, motion: Motion, time_s: float) -> Gait:
@@ -99,9 +111,8 @@ class Gait:
         anew = replace(self, strides=0.0, _ways={})
         return replace(anew, strides=float(self.at(before, at)[0, 0] - anew.at(motion, at)[0, 0]) % 1.0)
 
-    def _speed_m_s(self, motion: Motion, time_s: Numbers) -> Numbers:
-        """Speed at (n,) times of a motion, negative for one that goes backwards."""
-        states = motion.at(time_s)
+    def _speed_m_s(self, states: States) -> Numbers:
+        """Speed in (n,) states, negative for what goes backwards."""
         velocity_m_s = states.velocity_m_s[:, :2]
         speed_m_s = np.hypot(*velocity_m_s.T)
         ahead_m_s = np.sum(velocity_m_s * (states.rotation[:, :2, :2] @ np.array(self.ahead)), axis=1)
@@ -113,8 +124,9 @@ class Gait:
             return np.ones_like(speed_m_s)
         return np.asarray(np.minimum((np.abs(speed_m_s) / self.speed_m_s) ** STEP_EXPONENT, LARGEST_LEVEL))
 
-    def _rate_hz(self, speed_m_s: Numbers) -> Numbers:
-        """Strides per second at (n,) speeds: the way over the length of a stride."""
+    def _rate_hz(self, states: States) -> Numbers:
+        """Strides per second in (n,) states: the way over the length of a stride."""
+        speed_m_s = self._speed_m_s(states)
         stride_m = self.stride_m * self._level(speed_m_s)
         return np.asarray(np.divide(speed_m_s, stride_m, out=np.zeros_like(speed_m_s), where=stride_m > 0.0))
 
@@ -127,37 +139,38 @@ class Gait:
             x, y = (motion.pose.rotation[:2, :2] @ np.array(self.ahead)).tolist()
             return replace(self, ahead=(x, y))._phase(motion.carrier, time_s)
         if isinstance(motion, HeldAtEnds):
-            return self._phase(motion.motion, np.clip(time_s - motion.delay_s, *motion.motion.span_s))
+            return self._phase(motion.motion, _clipped(time_s - motion.delay_s, motion.motion))
         if isinstance(motion, GoingOn):
-            within_s = np.clip(time_s, *motion.motion.span_s)
-            beyond = (time_s - within_s) * self._rate_hz(self._speed_m_s(motion, within_s))
+            within_s = _clipped(time_s, motion.motion)
+            beyond = (time_s - within_s) * self._rate_hz(motion.at(within_s))
             return np.asarray(self._phase(motion.motion, within_s) + beyond)
         if isinstance(motion, Repeated):
             first_s, last_s = motion.motion.span_s
             rounds, within_s = np.divmod(time_s - first_s, last_s - first_s)
-            total = self._phase(motion.motion, np.array([last_s]))[0]
-            return np.asarray(rounds * total + self._phase(motion.motion, first_s + within_s))
+            phase = self._phase(motion.motion, np.append(first_s + within_s, last_s))
+            return np.asarray(rounds * phase[-1] + phase[:-1])
         if motion.span_s == ALWAYS:
-            return np.asarray(time_s * self._rate_hz(self._speed_m_s(motion, np.zeros(1))))
+            return np.asarray(time_s * self._rate_hz(motion.at(np.zeros(1))))
         # Gaits with another way ahead share the ways.
         key = id(motion), self.ahead
         if key not in self._ways:
             self._ways[key] = motion, self._way(motion)
-        return _cubic(self._ways[key][1], np.clip(time_s, *motion.span_s))
+        return self._ways[key][1](_clipped(time_s, motion))
 
-    def _way(self, motion: Motion) -> Numbers:
-        """(3, m) times of the nodes of a motion, strides until then, and their rate."""
+    def _way(self, motion: Motion) -> Way:
+        """Build the curve of the strides from the start of a motion on: cubic between nodes, with the rate at each."""
+        from scipy.interpolate import CubicHermiteSpline
+
         first_s, last_s = motion.span_s
         time_s = np.linspace(first_s, last_s, max(int(np.ceil((last_s - first_s) / NODE_S)), 1) + 1)
         middle_s = 0.5 * (time_s[1:] + time_s[:-1])
-        rate, between = (self._rate_hz(self._speed_m_s(motion, times)) for times in (time_s, middle_s))
+        rate, between = (self._rate_hz(motion.at(times)) for times in (time_s, middle_s))
         # Simpson's rule.
         passed = np.diff(time_s) / 6.0 * (rate[:-1] + 4.0 * between + rate[1:])
-        return np.stack([time_s, np.concatenate([[0.0], np.cumsum(passed)]), rate])
+        return cast(Way, CubicHermiteSpline(time_s, np.concatenate([[0.0], np.cumsum(passed)]), rate))
 
 
-def _cubic(nodes: Numbers, time_s: Numbers) -> Numbers:
-    """Values at (n,) times of a curve that is cubic between nodes, (3, m) times, values and rates."""
-    from scipy.interpolate import CubicHermiteSpline
-
-    return np.asarray(CubicHermiteSpline(*nodes)(time_s))
+def _clipped(time_s: Numbers, motion: Motion) -> Numbers:
+    """Clip (n,) times to the span of a motion; `numpy.clip` takes three times as long for some fifty."""
+    first_s, last_s = motion.span_s
+    return np.minimum(np.maximum(time_s, first_s), last_s)

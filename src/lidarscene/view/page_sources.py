@@ -19,6 +19,7 @@ from ..cloud.deskew import MOTION_KEPT, deskewed
 from ..cloud.pixels import camera_for
 from ..cloud.point_cloud import PointCloud
 from ..errors import InputError
+from ..kernel.device import transfer
 from ..kernel.rays.camera_distances import distances_m
 from ..kernel.rays.point_columns import LARGEST_FLOAT32_M
 from ..kernel.rays.retraced_light import LIGHT_COLUMNS, retraced_light
@@ -409,15 +410,16 @@ class Live:
     def _light(self, simulator: Simulator, cloud: PointCloud, ambient: Ambient, frame: FrameOptions) -> Echoes:
         """Light on the detector for the pulse of each point, traced once more."""
         scene, sensor, world = simulator.scene, simulator.sensor, simulator.world
-        timed_frame = Frame.from_options(scene, sensor, world, frame, pose=frame.pose or simulator.pose).on_device()
+        (frame_then,) = Frame.from_options(scene, sensor, world, [frame], pose=frame.pose or simulator.pose)
+        timed_frame = frame_then.on_device()
         pulses = range(timed_frame.first_pulse, timed_frame.first_pulse + sensor.scanner.pulses)
-        numbers = np.arange(pulses.start, pulses.stop, dtype=np.uint32)
+        chosen = simulator.numbering.chosen(timed_frame, transfer.counter(pulses.start, len(pulses)))
         light = retraced_light(
             world,
             dataclasses.replace(sensor, scanner=sensor.scanner.at_phase(timed_frame.phase)),
             ambient,
             sun=scene.sun.direction,
-            placements=timed_frame.placements(lambda: timed_frame.departures(numbers)),
+            placements=timed_frame.placements(chosen.departures),
             pulses=pulses,
             seed=timed_frame.seed_words(frame.seed),
         )

@@ -78,7 +78,7 @@ def test_a_foreign_entry_counts_as_none(cache: Path) -> None:
     """A pipe in its place, and arrays of other shapes and types: the mesh is read from its file."""
     expected = reading.read_mesh(CAR)
     (entry,) = cache.glob("*.npz")
-    about = json.dumps([{"keys": ["a"], "grey": None}])
+    about = json.dumps([{"keys": ["a"], "grey": None, "period_s": None, "counts": [3, 1, 0]}])
     for vertices, faces in (
         (np.zeros((3, 2)), np.zeros((1, 3), int)),
         (np.zeros((3, 3)), np.zeros(3, int)),
@@ -86,7 +86,7 @@ def test_a_foreign_entry_counts_as_none(cache: Path) -> None:
         (np.array([["a"] * 3]), np.zeros((1, 3), int)),
     ):
         with entry.open("wb") as file:
-            np.savez(file, about=np.array(about), vertices_m_0=vertices, faces_0=faces)
+            np.savez(file, about=np.array(about), vertices_m=vertices, faces=faces, stride_m=np.zeros((0, 3)))
         assert_same(reading.read_mesh(CAR), expected)
     entry.unlink()
     os.mkfifo(entry)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import shutil
 import sys
 from pathlib import Path
 
@@ -23,7 +24,7 @@ from lidarscene.scene.scene import Body, Scene
 from lidarscene.scene.scene_file import load_scene, scene_model
 from lidarscene.scene.shared_faces import shared_faces
 from lidarscene.scene.street import sumo
-from lidarscene.scene.street.network_tables import network_scene
+from lidarscene.scene.street.network_tables import _drawn_bodies, network_scene
 from lidarscene.scene.street.pieces import Tables
 from lidarscene.scene.street.shapes import body_table, shapes
 from lidarscene.scene.street.street_file import StreetFile
@@ -189,7 +190,9 @@ def test_the_sensor_is_over_the_roof_of_its_vehicle(town: tuple[Path, Path]) -> 
         tables = network_scene(town[0], "sumo", StreetFile(), ego=name)
         (own,) = (body for body in tables["bodies"] if body["name"] == "own_car")
         height_m = trimesh.load(own["mesh"]).extents[1]
-        assert 0.2 < tables["sensor"]["position_m"][2] - height_m < 0.4
+        *middle_m, place_m = tables["sensor"]["position_m"]
+        assert middle_m == [0.0, 0.0]
+        assert 0.2 < place_m - height_m < 0.4
 
 
 def test_a_drawn_town_has_hills_lights_and_a_roundabout_at_which_vehicles_turn(drawn: Tables) -> None:
@@ -243,6 +246,18 @@ def test_a_seed_is_a_town(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     assert roads[0] == roads[-1] == "n0_0_n1_0"
     around = [name.partition("ring")[::2] for name in roads if "ring" in name]
     assert [(begin, end[1:]) for begin, end in around] == [("n3_2_", ""), ("", "_n2_3")]
+
+
+def test_the_ego_vehicle_takes_its_loop_though_other_ways_are_longer(town: tuple[Path, Path], tmp_path: Path) -> None:
+    path = Path(shutil.copy(sumo.read_scenario(town[0]).network, tmp_path))
+    network = sumo.read_network(path)
+    shortest = min(network.roads, key=network.roads.__getitem__)
+    for loop, longest_m in (([shortest], network.roads[shortest]), ([], 1e4)):
+        *_, way_m = sumo.draw_routes(
+            network, path, origin="test", bodies=_drawn_bodies(), seed=1, gap_m=200.0, loop=loop
+        )
+        assert (way_m == pytest.approx(longest_m)) == bool(loop)
+        assert way_m >= network.roads[shortest]
 
 
 def _turned_deg(line_m: np.ndarray) -> float:

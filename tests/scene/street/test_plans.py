@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lidarscene.catalog import shipped_meshes
 from lidarscene.scene.ground_area import Outline
 from lidarscene.scene.street import centre_line as lines
 from lidarscene.scene.street import layout as laid
@@ -17,7 +18,7 @@ from lidarscene.scene.street import traffic as driven
 from lidarscene.scene.street.islands import LAP_M, islands_between_m, kerbed_corner_m, ring_island_m
 from lidarscene.scene.street.pieces import SOIL_M, SOIL_REACH_M, Tables, box_places_m, placed, soil_tiles
 from lidarscene.scene.street.polylines import along, on_line, way_length_m
-from lidarscene.scene.street.shapes import DISTRICTS
+from lidarscene.scene.street.shapes import DISTRICTS, FURNITURE, SIGNS, shapes
 from lidarscene.scene.street.street_file import StreetFile
 
 LEVEL = lines.Profile(np.array([-1e4, 1e4]), np.zeros(2))
@@ -226,6 +227,71 @@ def test_who_walks_up_and_down_goes_round_at_an_even_pace_and_looks_ahead() -> N
     np.testing.assert_allclose([y_m.max(), y_m.min()], [layout.walk_m(1), layout.walk_m(-1)], atol=1e-4)
 
 
+def test_people_walk_as_far_to_the_one_end_of_a_block_as_to_the_other() -> None:
+    """Reference: half circles of the pavement's two ways, 2 m before both ends, at an even pace on each side."""
+    layout = laid.lay_out(StreetFile(length_m=60.0, shown_m=1000.0, walking_spacing_m=(10.0, 20.0)))
+    time_s = np.arange(0.0, 600.0, 0.5)
+    tracks = driven._walking_tracks(layout, time_s, np.zeros(len(time_s)), np.random.default_rng(1))
+    turn_m = 2.0 - 0.5 * (layout.walk_m(1) - layout.walk_m(-1))
+    for block in layout.blocks:
+        for side in (-1.0, 1.0):
+            in_block = [t for t in tracks if block.begin_m < t.x_m[0] < block.end_m and side * t.y_m[0] > 0.0]
+            x_m = np.concatenate([track.x_m for track in in_block])
+            ends_m = block.begin_m + turn_m, block.end_m - turn_m
+            np.testing.assert_allclose([x_m.min(), x_m.max()], ends_m, atol=1.0)
+            paces = [np.median(np.hypot(np.diff(t.x_m), np.diff(t.y_m)) / np.diff(t.time_s)) for t in in_block]
+            assert np.ptp(paces) < 1e-3
+            assert driven.WALK_M_S[0] <= paces[0] <= driven.WALK_M_S[1]
+
+
+def test_vehicles_begin_eight_metres_apart_whatever_their_lengths() -> None:
+    keys = {"ahead": 5, "behind": 5, "bend_deg": (0.0, 0.0), "oncoming_gap_m": (5.0, 10.0)}
+    layout, lengths_m = laid.lay_out(StreetFile(length_m=60.0, shown_m=50.0, **keys)), []
+    for seed in range(20):
+        for lane in driven._fill_lanes(layout, np.random.default_rng(seed)):
+            assert (-np.diff(lane.front_m) - lane.lengths_m[:-1]).min() > 8.0 - 1e-9
+            lengths_m += lane.lengths_m.tolist()
+    assert max(lengths_m) > 14.0
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+def test_what_stands_by_a_kerb_looks_at_the_road_and_has_room(seed: int) -> None:
+    """Lamps and bins look at the lanes, signs at those who come; crowns end before the houses, and these before the
+    ends of their block, with a gate in the hedge before each.
+    """
+    layout, meshes = laid.lay_out(StreetFile(seed=seed, length_m=400.0, house_share=(1.0, 1.0))), shipped_meshes()
+    kinds = set()
+    for street in (layout, *layout.side_streets):
+        plots_m: list[tuple[float, float, float]] = []
+        for name, places in street.items.items():
+            mesh = shapes()[name].mesh if name in shapes() else name
+            x_m, y_m, yaw_deg = np.array(places).T
+            side = np.sign(y_m)
+            if name == "lamp_posts" or mesh in FURNITURE:
+                np.testing.assert_array_equal(yaw_deg, -90.0 * side)
+                kinds.add("lamp" if name == "lamp_posts" else "furniture")
+            if mesh in SIGNS:
+                np.testing.assert_array_equal(yaw_deg, np.where(side < 0.0, 180.0, 0.0))
+                kinds.add("sign")
+            if name.startswith("trees"):
+                by_kerb = np.isclose(np.abs(y_m), street.kerb_m + laid.TREE_LINE_M)
+                reach_m = shapes()[name].scale * meshes[mesh]["reach_m"]
+                assert not by_kerb.any() or laid.TREE_LINE_M + reach_m <= street.front_m - street.kerb_m + 1e-9
+                kinds |= {"tree"} if by_kerb.any() else set()
+            if name.startswith("houses"):
+                along = np.abs(yaw_deg) == 90.0  # and not at the end of a street
+                half_m = 0.5 * meshes[mesh]["plot_m"][0] + 1.0 + street.file.pavement_m - 1e-9
+                for place_m in x_m[along]:
+                    assert any(b.begin_m + half_m <= place_m <= b.end_m - half_m for b in street.blocks)
+                kinds.add("house")
+                plots_m += [(*place, 0.5 * meshes[mesh]["plot_m"][0]) for place in zip(x_m, side, strict=True)]
+        for name in ("hedges", "fences"):
+            for x, y, _ in street.items.get(name, ()):
+                gaps_m = [(abs(x - middle_m), half_m) for middle_m, side, half_m in plots_m if side * y > 0.0]
+                assert any(gap_m - 1.0 >= 0.5 * laid.GATE_M and gap_m + 1.0 <= half_m for gap_m, half_m in gaps_m)
+    assert kinds >= {"lamp", "furniture", "sign", "house"}
+
+
 def test_lanes_are_on_the_right_and_stop_lines_before_crossings() -> None:
     layout = laid.lay_out(StreetFile(length_m=60.0, shown_m=50.0, lanes=2, lane_width_m=3.0))
     assert [layout.lane_m(lane, to) for lane in (0, 1) for to in (1, -1)] == [-1.5, 1.5, -4.5, 4.5]
@@ -291,6 +357,11 @@ def test_an_island_fills_the_room_between_lanes_that_spread() -> None:
     (island_m,) = islands_between_m(there, back)
     assert area_m2(island_m) == pytest.approx(20.0 * (2.0 + 2.0 * LAP_M), rel=0.01)
     assert np.abs(island_m[:, 1]).max() == pytest.approx(1.5 + LAP_M, abs=0.01)
+    # Between arcs around one middle, too, with lanes 3 m wide.
+    angle = np.linspace(0.0, 1.0, 40)
+    arc_m = [r * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1) for r in (30.0, 25.0)]
+    (island_m,) = islands_between_m(road(arc_m[0].tolist()), road(arc_m[1][::-1].tolist()))
+    assert area_m2(island_m) == pytest.approx(0.5 * ((28.5 + LAP_M) ** 2 - (26.5 - LAP_M) ** 2), rel=0.01)
     for right_m, left_m in ((-1.5, 1.5), (-9.0, 1.5), (3.0, -3.0)):
         lanes = road([(0, right_m, 0), (20, right_m, 0)]), road([(20, left_m, 0), (0, left_m, 0)])
         assert not list(islands_between_m(*lanes))
@@ -307,9 +378,12 @@ def test_the_island_of_a_ring_reaches_its_lanes_and_fills_the_gaps() -> None:
 
 @pytest.mark.parametrize("turned", [1, -1])
 def test_a_corner_has_kerbs_along_the_road_and_nowhere_else(turned: int) -> None:
-    """A pavement with the road to its south and east: 0.15 m are taken off both sides, and they are one kerb."""
-    pavement_m = np.array([[0.0, 0, 0], [2, 0, 0], [4, 0, 0], [4, 3, 0], [0, 3, 0]])[::turned]
-    junction = Outline(corner_m=np.array([[0.0, -9, 0], [9, -9, 0], [9, 3, 0], [4, 3, 0], [0, 3, 0]]), spacing_m=1.0)
+    """A pavement with the road on two sides: 0.15 m are taken off both sides, and they are one kerb."""
+    # In no direction of the axes.
+    turn = np.array([[0.8, 0.6, 0.0], [-0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
+    pavement_m = np.array([[0.0, 0, 0], [2, 0, 0], [4, 0, 0], [4, 3, 0], [0, 3, 0]])[::turned] @ turn
+    corner_m = np.array([[0.0, -9, 0], [9, -9, 0], [9, 3, 0], [4, 3, 0], [0, 3, 0]]) @ turn
+    junction = Outline(corner_m=corner_m, spacing_m=1.0)
     inner_m, (kerb_m,) = kerbed_corner_m(pavement_m, junction)
     assert area_m2(inner_m) == pytest.approx((4 - laid.KERB_M) * (3 - laid.KERB_M))
     assert area_m2(kerb_m) == pytest.approx(12.0 - (4 - laid.KERB_M) * (3 - laid.KERB_M))

@@ -180,6 +180,11 @@ def test_drivers_keep_the_gap_of_the_model() -> None:
         speed_m_s=np.full(2, pace_m_s), desired_m_s=desired_m_s[1:], gap_m=gap_m, closing_m_s=np.zeros(2)
     )
     np.testing.assert_allclose(rates, 0.0, atol=1e-12)
+    # By hand: 12 m/s, 3 m/s faster than the one 50 m ahead, s* = 2.5 + 18 + 36 / (2 sqrt 3) = 30.892 m.
+    rate = driven.driver_acceleration_m_s2(
+        speed_m_s=np.array([12.0]), desired_m_s=np.array([15.0]), gap_m=np.array([50.0]), closing_m_s=np.array([3.0])
+    )
+    np.testing.assert_allclose(rate, 1.5 * (1.0 - 0.4096 - (30.8923 / 50.0) ** 2), atol=1e-4)
     front_m = np.array([0.0, -40.0, -60.0])
     lengths_m = np.array([4.4, 18.0, 2.1])
     lane = driven._Lane(0, 1, front_m, np.full(3, 8.0), desired_m_s, lengths_m, ["car"] * 3)
@@ -465,12 +470,14 @@ def test_the_file_is_the_scene_of_the_table(written: tuple[Path, Path]) -> None:
 def test_keys_of_a_street_and_of_its_bodies_can_be_changed(written: tuple[Path, Path]) -> None:
     """`--scene-set` reaches the street before it is made, and its bodies after."""
     path, _ = written
-    model = scene_model(path, overrides=["street.lanes=2", "bodies.own_car.scale=1.1", "sun.elevation_deg=10"])
+    model = scene_model(
+        path, overrides=["street.lanes=2", "street.seed=4", "bodies.own_car.scale=1.1", "sun.elevation_deg=10"]
+    )
     widths_m = [body.width_m for body in model.bodies if body.name == "road_0"]
     assert widths_m == [2 * (2 * 3.2 + laid.PARKING_M)]
     assert next(body.scale for body in model.bodies if body.name == "own_car") == 1.1
     assert model.sun.elevation_deg == 10
-    assert model.sun.azimuth_deg == street_tables(StreetFile()).get("sun", {})["azimuth_deg"]
+    assert model.sun.azimuth_deg == street_tables(StreetFile(seed=4)).get("sun", {})["azimuth_deg"]
 
 
 def test_heights_are_sums_of_slopes() -> None:

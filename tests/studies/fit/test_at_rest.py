@@ -357,19 +357,14 @@ def test_turns_at_rest_are_fitted_without_a_scene(
     assert "largest number of steps" not in report.summary
 
 
-def test_a_fit_that_ends_at_its_limit_is_told(
+def test_an_assumed_scale_and_a_fit_at_its_limit_are_told(
     fitted: Callable[[list[Sweep]], tuple[str, Report]], turns: tuple[str, list[Sweep]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Rationale: fits of five numbers ended after 4 steps, and nothing said so."""
     monkeypatch.setattr(binned_fit, "MOST_STEPS", 1)
-    assert "The fit of ranges at rest stopped at its largest number of steps" in fitted(turns[1])[1].summary
-
-
-def test_a_scale_of_intensities_that_is_assumed_is_told(
-    fitted: Callable[[list[Sweep]], tuple[str, Report]], turns: tuple[str, list[Sweep]]
-) -> None:
     _, report = fitted([replace(sweep, metadata={"format": "pcd"}) for sweep in turns[1]])
     assert SCALE_NOTE in report.numbers["notes"]
+    assert "The fit of ranges at rest stopped at its largest number of steps" in report.summary
 
 
 def test_a_moving_sensor_without_signal_is_told(

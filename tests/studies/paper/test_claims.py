@@ -485,9 +485,11 @@ def test_numbers_of_captions():
 
 @pytest.mark.parametrize(("name", "by_hand"), [("table1-apd", APD), ("table1-sipm", PRINTED)])
 @pytest.mark.parametrize("klux", [0.3, 1.0, 3.0, 10.0, 50.0, 100.0, 130.0])
-def test_snr_and_range_of_the_catalogue(name, by_hand, klux):
+@pytest.mark.parametrize("rho", [0.1, 0.4])
+def test_snr_and_range_of_the_catalogue(name, by_hand, klux, rho):
     """Tolerance: float64 rounding; the constants are the same CODATA values."""
-    sensor, target, lidar = load_sensor(name), plane.Target(illuminance_klux=klux), replace(by_hand, klux=klux)
+    target = plane.Target(illuminance_klux=klux, reflectivity=rho)
+    sensor, lidar = load_sensor(name), replace(by_hand, klux=klux, rho=rho)
     ranges = np.geomspace(1.0, 1000.0, 17)
     np.testing.assert_allclose(plane.snr(sensor, target, ranges), lidar.snr(ranges), rtol=1e-9)
     assert plane.maximum_range_m(sensor, target)[0] == pytest.approx(lidar.range_m, rel=1e-9)

@@ -37,7 +37,7 @@ def opaque(value: object, *, double: bool = False) -> Any:
     if isinstance(value, float | int):
         return _opaque_number(value, double=double)
     if double and isinstance(value, np.ndarray):
-        return mitsuba().Float64(aligned_copy(value, np.float64))
+        return mitsuba().Float64(aligned_copy(np.float64, value))
     if isinstance(value, tuple):
         return tuple(opaque(inner, double=double) for inner in value)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
@@ -92,19 +92,19 @@ def repeat_lanes(values: Array, times: int) -> tuple[Any, Any]:
     return dr.gather(type(values), values, number), lane - number * times
 
 
-def from_numpy(values: Numbers) -> Any:
-    """Upload (n,) numbers in single precision."""
-    return mitsuba().Float(aligned_copy(values, np.float32))
+def from_numpy(*parts: Numbers) -> Any:
+    """Upload (n,) numbers, one part behind the other, in single precision."""
+    return mitsuba().Float(aligned_copy(np.float32, *parts))
 
 
-def unsigned_numbers(values: Numbers) -> Any:
-    """Upload (n,) 32-bit unsigned numbers."""
-    return mitsuba().UInt32(aligned_copy(values, np.uint32))
+def unsigned_numbers(*parts: Numbers) -> Any:
+    """Upload (n,) 32-bit unsigned numbers, one part behind the other."""
+    return mitsuba().UInt32(aligned_copy(np.uint32, *parts))
 
 
 def whole_numbers(values: Sequence[int] | Numbers) -> Any:
     """Upload (n,) 32-bit signed numbers."""
-    return mitsuba().Int32(aligned_copy(np.asarray(values), np.int32))
+    return mitsuba().Int32(aligned_copy(np.int32, np.asarray(values)))
 
 
 def pooled_memory(size: int) -> Numbers:

@@ -22,7 +22,7 @@ import numpy as np
 
 from ...errors import InputError, OptionWarning, warn
 from ...maths.arrays import Mask, Numbers, retire_with
-from ...maths.motion_table import NOWHERE, MotionTable, MovingBodies, Placement, Walk
+from ...maths.motion_table import NOWHERE, MotionTable, MovingBodies, Placement, Strides
 from ...maths.pose import Pose
 from ...maths.trajectory import CLOCK_ROUNDING_S, Course, Motion
 from ...scene.scene import Ball, Body, Part, Scene, box_of
@@ -62,7 +62,7 @@ class Mover:
         shown = ((number, body) for number, body in self.others if body.is_present(start_s))
         return next((replace(self, number=number, body=body) for number, body in shown), self)
 
-    def walk_in_frame(self, start_s: float) -> Walk | None:
+    def walk_in_frame(self, start_s: float) -> Strides | None:
         """Return `Body.walk_in_frame`; None for one that the frame does not show, too."""
         return self.body.walk_in_frame(start_s) if self.body.is_present(start_s) else None
 
@@ -527,12 +527,12 @@ def placed_movers(
     return MovingBodies(motions=motions_on_device(motions), time_s=transfer.opaque(0.0))
 
 
-def _held(walk: Walk | None, time_s: float) -> Walk | None:
+def _held(walk: Strides | None, time_s: float) -> Strides | None:
     """Return a walk that stays where another one is at a time."""
     if walk is None:
         return None
     place = walk(np.array([time_s]))
-    return lambda times: np.broadcast_to(place, (len(times), 2))
+    return lambda time_s, states=None: np.broadcast_to(place, (len(time_s), 2))
 
 
 def fixed_placement(pose: Pose, centre_m: Numbers) -> Placement:

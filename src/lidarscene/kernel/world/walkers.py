@@ -118,19 +118,20 @@ class Walkers:
                 f"walkers: their meshes must have fewer than {triangle * MOST_NODES // node} triangles together, got "
                 f"{triangle}"
             )
-        nodes = np.concatenate([table.tree.nodes for table in tables]).reshape(-1, 8)
-        first_nodes = kind[[movers[0] for movers in kinds.values()], 4]
-        # Each tree counts from its own first node; 0 is the end of a walk.
-        nodes[:, 3] += np.where(nodes[:, 3] > 0.0, np.repeat(first_nodes, np.diff([*first_nodes, node])), 0)
+        nodes = [table.tree.nodes.copy() for table in tables]
+        for each, first in zip(nodes, kind[[movers[0] for movers in kinds.values()], 4].tolist(), strict=True):
+            # Each tree counts from its own first node; 0 is the end of a walk.
+            onward = each[3::8]
+            onward[onward > 0.0] += first
         return cls(
             kind=transfer.unsigned_numbers(kind.ravel()),
-            standing=transfer.from_numpy(np.concatenate([table.standing for table in tables])),
-            stride=transfer.from_numpy(np.concatenate([table.stride for table in tables])),
-            corners=transfer.unsigned_numbers(np.concatenate([table.corners for table in tables])),
+            standing=transfer.from_numpy(*(table.standing for table in tables)),
+            stride=transfer.from_numpy(*(table.stride for table in tables)),
+            corners=transfer.unsigned_numbers(*(table.corners for table in tables)),
             surface=transfer.unsigned_numbers(np.concatenate(surfaces).ravel()),
             triangle_of_face=transfer.unsigned_numbers(triangle_of_face),
             shapes=tuple(shape.shape for shape in shapes),
-            nodes=transfer.from_numpy(nodes.ravel()),
+            nodes=transfer.from_numpy(*nodes),
         )
 
     def tree(self, root: Any) -> BoxTree:
@@ -222,18 +223,18 @@ def _leaf_boxes(standing: Numbers, stride: Numbers, corners: Numbers, levels: Se
     extremes = np.stack(around)  # (phases, 2, v, 3)
     # A level is a factor, and never negative: lowest stays lowest.
     at_level = np.stack([standing + np.float32(level) * (extremes - standing) for level in levels], axis=1)
-    low = np.minimum(at_level[:, :-1, 0], at_level[:, 1:, 0])
-    high = np.maximum(at_level[:, :-1, 1], at_level[:, 1:, 1])
+    # For single precision of what is computed from them, at a metre or two from the origin.
+    low, high = (
+        (around(at_level[:, :-1, side], at_level[:, 1:, side]).astype(np.float64) + margin_m).astype(np.float32)
+        for side, around, margin_m in ((0, np.minimum, -1e-5), (1, np.maximum, 1e-5))
+    )
     of_leaves = corners.reshape(-1, 3 * TRIANGLES).T
     boxes = np.stack(
         [
-            functools.reduce(around, (corner_m[:, :, vertices] for vertices in of_leaves)).astype(np.float64) + margin_m
-            # For single precision of what is computed from them, at a metre or two from the origin.
-            for around, corner_m, margin_m in ((np.minimum, low, -1e-5), (np.maximum, high, 1e-5))
+            functools.reduce(around, (np.take(corner_m, vertices, axis=2) for vertices in of_leaves))
+            for around, corner_m in ((np.minimum, low), (np.maximum, high))
         ],
         axis=3,
-        dtype=np.float32,
-        casting="same_kind",
     )
     return boxes.reshape(-1, *boxes.shape[2:])
 

@@ -140,13 +140,13 @@ class _Reader:
 
         The last instant is the first of the next stride.
         """
-        count, coarse = FEWEST_INSTANTS, self._stride(clips.walk, shown, FEWEST_INSTANTS)
-        while count < MOST_INSTANTS:
+        count = FEWEST_INSTANTS
+        while True:
             fine = self._stride(clips.walk, shown, 2 * count)
-            if clips.unit_m * max(map(_off_straight, fine), default=0.0) < STRAIGHT_M:
-                break
-            count, coarse = 2 * count, fine
-        return coarse
+            off_m = clips.unit_m * max(map(_off_straight, fine), default=0.0)
+            if off_m < STRAIGHT_M or count >= MOST_INSTANTS:
+                return [each[::2] for each in fine]
+            count *= 2
 
     def _stride(self, name: str, shown: Sequence[tuple[int, _Primitive]], count: int) -> list[Numbers]:
         """Return `_strides` of so many instants and the last."""
@@ -271,8 +271,14 @@ class _Reader:
         alone = shares.sum(axis=1) <= 0.0
         shares[alone, primitive.joints[alone, 0]] = 1.0
         shares /= shares.sum(axis=1, keepdims=True)
-        matrices = np.moveaxis(np.tensordot(shares, carried[..., :3, :], axes=(1, -3)), 0, -3)  # (..., v, 3, 4)
-        return np.asarray(np.einsum("...vij,...vj->...vi", matrices[..., :3], vertices) + matrices[..., 3])
+        # Joint by joint, each with its few vertices: the product of all with all would keep every core busy.
+        leading = np.broadcast_shapes(carried.shape[:-3], vertices.shape[:-2])
+        skinned = np.zeros((*leading, *vertices.shape[-2:]))
+        for joint, share in enumerate(shares.T):
+            rows, matrix = np.flatnonzero(share), carried[..., joint, :, :]
+            moved = vertices[..., rows, :] @ np.swapaxes(matrix[..., :3, :3], -1, -2)
+            skinned[..., rows, :] += share[rows, None] * (moved + matrix[..., None, :3, 3])
+        return skinned
 
     def _primitive(self, mesh: Mapping[str, Any], primitive: Mapping[str, Any]) -> _Primitive | None:
         """Read a primitive; None for points, lines, and what its material hides."""

@@ -112,7 +112,7 @@ class SubMesh:
 LARGEST_BYTES = 2 << 30
 """Largest size of all entries together: some 30 million triangles."""
 
-_LAYOUT = 4
+_LAYOUT = 5
 """Version of an entry's layout and of our own reading; a new number invalidates all old entries."""
 
 
@@ -131,7 +131,7 @@ def read_cached(path: Path, read: Callable[[], list[SubMesh]], clips: WalkingCli
             os.utime(entry)  # when it was used last
         return pieces
     pieces = read()
-    if any(piece.cutout is not None for piece in pieces):
+    if not pieces or any(piece.cutout is not None for piece in pieces):
         return pieces
     with suppress(OSError, OutputError):
         _save(entry, pieces)
@@ -195,22 +195,26 @@ def _save(entry: Path, pieces: list[SubMesh]) -> None:
         OSError: if the system refuses
         OutputError: if a result cannot be written
     """
+    # One array of each kind: to read one from an archive takes longer than to part it.
+    strides = [None if piece.stride is None else piece.stride.vertices_m.reshape(-1, 3) for piece in pieces]
     arrays = {
-        f"{kind}_{index}": getattr(piece, kind)
-        for index, piece in enumerate(pieces)
-        for kind in ("vertices_m", "faces")
+        "vertices_m": [piece.vertices_m for piece in pieces],
+        "faces": [piece.faces for piece in pieces],
+        "stride_m": [np.zeros((0, 3), np.float32), *(stride for stride in strides if stride is not None)],
     }
-    strides = {index: piece.stride for index, piece in enumerate(pieces) if piece.stride is not None}
-    arrays |= {f"stride_m_{index}": stride.vertices_m for index, stride in strides.items()}
-    periods_s = [None if piece.stride is None else piece.stride.period_s for piece in pieces]
-    descriptions = json.dumps(
-        [
-            {"keys": piece.keys, "grey": piece.grey, "period_s": period_s}
-            for piece, period_s in zip(pieces, periods_s, strict=True)
-        ]
-    )
-    with atomic_output(entry) as temporary, temporary.open("wb") as file:
-        np.savez(file, about=np.array(descriptions), **arrays)
+    descriptions = [
+        {
+            "keys": piece.keys,
+            "grey": piece.grey,
+            "period_s": None if piece.stride is None else piece.stride.period_s,
+            "counts": [len(piece.vertices_m), len(piece.faces), 0 if stride is None else len(stride)],
+        }
+        for piece, stride in zip(pieces, strides, strict=True)
+    ]
+    # Of an entry that a power failure damages, the check sums are wrong.
+    with atomic_output(entry, synced=False) as temporary, temporary.open("wb") as file:
+        rows = {kind: np.concatenate(parts) for kind, parts in arrays.items()}
+        np.savez(file, allow_pickle=False, about=np.array(json.dumps(descriptions)), **rows)
 
 
 def _load(entry: Path) -> list[SubMesh]:
@@ -220,18 +224,24 @@ def _load(entry: Path) -> list[SubMesh]:
         require_archive(raw)
         with np.load(raw, allow_pickle=False) as file:
             descriptions = json.loads(str(file["about"]))
-            return [
-                SubMesh(
-                    vertices_m=_rows_of_three(file[f"vertices_m_{index}"], "f"),
-                    faces=_rows_of_three(file[f"faces_{index}"], "iu"),
-                    keys=tuple(str(key) for key in description["keys"]),
-                    grey=None if description["grey"] is None else float(description["grey"]),
-                    stride=None
-                    if description["period_s"] is None
-                    else Stride(vertices_m=file[f"stride_m_{index}"], period_s=float(description["period_s"])),
-                )
-                for index, description in enumerate(descriptions)
+            kinds = {"vertices_m": "f", "faces": "iu", "stride_m": "f"}
+            counts = np.cumsum([description["counts"] for description in descriptions], axis=0)
+            parted = [
+                np.split(_rows_of_three(file[name], kind), ends)[:-1]
+                for (name, kind), ends in zip(kinds.items(), counts.T, strict=True)
             ]
+    return [
+        SubMesh(
+            vertices_m=vertices_m,
+            faces=faces,
+            keys=tuple(str(key) for key in description["keys"]),
+            grey=None if description["grey"] is None else float(description["grey"]),
+            stride=None
+            if description["period_s"] is None
+            else Stride(vertices_m=stride_m.reshape(-1, *vertices_m.shape), period_s=float(description["period_s"])),
+        )
+        for description, vertices_m, faces, stride_m in zip(descriptions, *parted, strict=True)
+    ]
 
 
 def _rows_of_three(array: Numbers, kinds: str) -> Numbers:

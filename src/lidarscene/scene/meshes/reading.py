@@ -87,13 +87,11 @@ def check_pieces(pieces: list[SubMesh], where: str) -> list[SubMesh]:
         raise InputError(f"{where}: the mesh must have at least one triangle, got none{cloud}")
     for piece in pieces:
         count = len(piece.vertices_m)
+        places_m = [piece.vertices_m[None], *([] if piece.stride is None else [piece.stride.vertices_m])]
         # NaN, infinite, or so large that a scale could make it infinite.
-        finite = (np.abs(piece.vertices_m) < 1e30).all(axis=1)
-        if piece.stride is not None:
-            finite &= (np.abs(piece.stride.vertices_m) < 1e30).all(axis=(0, 2))
-        bad = count - int(np.count_nonzero(finite))
-        if bad:
-            raise InputError(f"{where}: {bad} of {count} vertices are not finite numbers")
+        if not all(each.min(initial=0.0) > -1e30 and each.max(initial=0.0) < 1e30 for each in places_m):
+            finite = np.all([(np.abs(each) < 1e30).all(axis=(0, 2)) for each in places_m], axis=0)
+            raise InputError(f"{where}: {np.count_nonzero(~finite)} of {count} vertices are not finite numbers")
         require_vertices(piece.faces, count, where)
     return [piece.of_its_faces() for piece in pieces]
 

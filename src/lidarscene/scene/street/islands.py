@@ -9,7 +9,7 @@ import numpy as np
 from ...maths.arrays import Numbers
 from ..ground_area import Outline
 from .layout import KERB_M
-from .polylines import along, on_line, way_length_m, ways_m
+from .polylines import along, beside, runs, way_length_m, ways_m
 from .sumo import LaneGroup
 
 ISLAND_STEP_M = 1.0
@@ -56,8 +56,7 @@ def islands_between_m(group: LaneGroup, opposite: LaneGroup) -> Iterator[Numbers
     width_m = -np.sin(heading) * apart_m[:, 0] + np.cos(heading) * apart_m[:, 1]
     lap_m = np.pad(LAP_M * apart_m / np.maximum(np.abs(width_m), LEAST_ISLAND_M)[:, None], ((0, 0), (0, 1)))
     is_island = (width_m > LEAST_ISLAND_M) & (width_m < MOST_ISLAND_M)
-    begins, ends = (np.flatnonzero(np.diff(is_island, prepend=False, append=False)).reshape(-1, 2)).T
-    for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
+    for begin, end in runs(is_island):
         if end - begin > 1:
             run = slice(begin, end)
             yield np.concatenate([(near_m - lap_m)[run], (far_m + lap_m)[run][::-1]])
@@ -65,8 +64,7 @@ def islands_between_m(group: LaneGroup, opposite: LaneGroup) -> Iterator[Numbers
 
 def _border_m(group: LaneGroup, way_m: Numbers, lap_m: float, side: float = 1.0) -> Numbers:
     """(n, 3) places on the border of lanes, to the left of them (1) or to the right (-1), and a lap inside."""
-    border_m = along(group.line_m, way_m, side * 0.5 * group.width_m - lap_m)
-    return np.column_stack([border_m[:, :2], on_line(group.line_m, way_m)[:, 2]])
+    return beside(group.line_m, way_m, side * 0.5 * group.width_m - lap_m)
 
 
 def kerbed_corner_m(corner_m: Numbers, road: Outline) -> tuple[Numbers, list[Numbers]]:
@@ -100,8 +98,7 @@ def kerbed_corner_m(corner_m: Numbers, road: Outline) -> tuple[Numbers, list[Num
             moved = [before, after] if has_kerb[number - 1] != has_kerb[number] else [before]
         inner.append([place_m + np.append(each, 0.0) for each in moved])
     kerbs = []
-    begins, ends = np.flatnonzero(np.diff(has_kerb, prepend=False, append=False)).reshape(-1, 2).T
-    for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
+    for begin, end in runs(has_kerb):
         numbers = [number % len(corner_m) for number in range(begin, end + 1)]
         within = [inner[numbers[0]][-1], *(inner[number][0] for number in numbers[1:])]
         kerbs.append(np.concatenate([corner_m[numbers], within[::-1]]))

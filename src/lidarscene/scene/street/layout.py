@@ -123,15 +123,24 @@ class Crossing:
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """The street between two that cross, along x."""
+    """The street between two that cross, along x.
+
+    Attributes:
+        zebras_m: x of the zebras in it
+    """
 
     begin_m: float
     end_m: float
+    zebras_m: tuple[float, ...] = ()
 
     @property
     def length_m(self) -> float:
         """Length along x."""
         return self.end_m - self.begin_m
+
+    def has_zebra(self, x_m: float, within_m: float) -> bool:
+        """Return whether a zebra is nearer to a place than this."""
+        return any(abs(x_m - zebra_m) < within_m for zebra_m in self.zebras_m)
 
 
 @dataclass(slots=True)
@@ -141,6 +150,7 @@ class Layout:
     Attributes:
         kerb_m: |y| of the road's edges
         line: the middle of the street
+        room: what is taken around it
         profile: its heights
         items: name of a body -> places of its instances
         side_streets: those that cross it, each with s = 0 at its middle and blocks on both sides
@@ -152,6 +162,7 @@ class Layout:
     begin_m: float
     end_m: float
     line: CentreLine
+    room: Room
     profile: Profile = field(init=False)
     crossings: list[Crossing] = field(default_factory=list)
     blocks: list[Block] = field(default_factory=list)
@@ -161,6 +172,10 @@ class Layout:
     def add(self, name: str, x_m: float, y_m: float, yaw_deg: float = 0.0) -> None:
         """Place an instance of a body."""
         self.items.setdefault(name, []).append((x_m, y_m, yaw_deg))
+
+    def take(self, x_m: float, y_m: float, *half_m: float) -> bool:
+        """Take the room around a place, half lengths along the street and across it, if it is free."""
+        return self.room.take(_boxes(self.line, [(x_m, y_m, *half_m)]))
 
     def height_m(self, x_m: Numbers) -> Numbers:
         """Heights at (n,) places along the street."""
@@ -194,54 +209,50 @@ def lay_out(file: StreetFile) -> Layout:
     begin_m, end_m = -margin_m, file.length_m + margin_m
     plan = np.random.default_rng([file.seed, 3])
     line = close(file, front_m, plan) if file.loop else wind(file, begin_m, end_m, plan)
-    layout = Layout(file=file, kerb_m=kerb_m, front_m=front_m, begin_m=begin_m, end_m=end_m, line=line)
-    random = np.random.default_rng([file.seed, 1])
     step_m = 0.5 * CROSS_HALF_M
     # Houses may stand at its edge.
     half_m = 0.6 * step_m, front_m - 0.05
     room = Room(_boxes(line, [(x_m, 0.0, *half_m) for x_m in np.arange(begin_m, end_m, step_m) + 0.5 * step_m]))
-    _cut_into_blocks(layout, room, random)
+    layout = Layout(file, kerb_m, front_m, begin_m, end_m, line, room)
+    random = np.random.default_rng([file.seed, 1])
+    _cut_into_blocks(layout, random)
     parts_m = [(block.begin_m, block.end_m) for block in layout.blocks]
     layout.profile = draw_profile(file, parts_m, np.random.default_rng([file.seed, 6]))
     main = draw_district(random)
     for block in layout.blocks:
-        zebras = [crossing.x_m for crossing in layout.crossings if crossing.is_zebra]
-        zebras = [x_m for x_m in zebras if block.begin_m < x_m < block.end_m]
         district = draw_district(random, main)
         for side in (-1, 1):
-            _park_cars(layout, block, side, zebras, random)
-            _build_houses(layout, room, block, side, district, random)
-            _line_kerb(layout, block, side, zebras, district, random)
+            _park_cars(layout, block, side, random)
+            _build_houses(layout, block, side, district, random)
+            _line_kerb(layout, block, side, district, random)
     aside = np.random.default_rng([file.seed, 9])
     for crossing in layout.crossings:
         if not crossing.is_zebra:
-            layout.side_streets.append(_lay_side_street(layout, crossing, room, draw_district(aside, main), aside))
-    _plant_bushes(layout, room, np.random.default_rng([file.seed, 7]))
+            layout.side_streets.append(_lay_side_street(layout, crossing, draw_district(aside, main), aside))
+    _plant_bushes(layout, np.random.default_rng([file.seed, 7]))
     return layout
 
 
-def _lay_side_street(
-    layout: Layout, crossing: Crossing, room: Room, district: District, random: np.random.Generator
-) -> Layout:
+def _lay_side_street(layout: Layout, crossing: Crossing, district: District, random: np.random.Generator) -> Layout:
     """Lay out a street that crosses another: kerbs, houses where there is room, and one before each of its ends."""
     ((x_m, y_m, heading),) = layout.line.at(np.array([crossing.x_m]), np.zeros(1)).tolist()
     length_m = 2.0 * CROSS_REACH_M
     line = CentreLine([(length_m, 0.0, 0.0)], -CROSS_REACH_M, origin=(x_m, y_m, heading + 0.5 * np.pi))
     file = layout.file.model_copy(update={"lanes": 1, "lane_width_m": CROSS_LANE_M})
     front_m = CROSS_HALF_M + KERB_M + file.pavement_m
-    street = Layout(file, CROSS_HALF_M, front_m, -CROSS_REACH_M, CROSS_REACH_M, line)
+    street = Layout(file, CROSS_HALF_M, front_m, -CROSS_REACH_M, CROSS_REACH_M, line, layout.room)
     height_m = float(layout.height_m(np.array([crossing.x_m]))[0])
     street.profile = Profile(np.array([-CROSS_REACH_M, CROSS_REACH_M]), np.zeros(2), height_m)
     street.crossings = [Crossing(0.0, layout.kerb_m + QUEUE_M - STOP_LINE_M, is_zebra=False)]
     street.blocks = [Block(-CROSS_REACH_M, -layout.front_m), Block(layout.front_m, CROSS_REACH_M)]
     for block, towards in zip(street.blocks, (-1.0, 1.0), strict=True):
         for side in (-1, 1):
-            _build_houses(street, room, block, side, district, random)
-            _line_kerb(street, block, side, [], district, random)
+            _build_houses(street, block, side, district, random)
+            _line_kerb(street, block, side, district, random)
         house, wall = random.choice(district.houses), random.choice(district.walls)
         width_m, front_m, _ = catalog.shipped_meshes()[house]["plot_m"]
         end_m = towards * (CROSS_REACH_M + VERGE_M + front_m)
-        if room.take(_boxes(line, [(end_m, 0.0, front_m + EAVES_M, 0.5 * width_m)])):
+        if street.take(end_m, 0.0, front_m + EAVES_M, 0.5 * width_m):
             street.add(f"houses_{house}_{wall}", end_m, 0.0, 180.0 if towards > 0.0 else 0.0)
     return street
 
@@ -285,7 +296,7 @@ def _squares(box: Numbers) -> Iterator[tuple[int, int]]:
     return itertools.product(columns, rows)
 
 
-def _boxes(line: CentreLine, places: Sequence[tuple[float, float, float, float]]) -> Numbers:
+def _boxes(line: CentreLine, places: Sequence[tuple[float, ...]]) -> Numbers:
     """Rectangles at x and y along a street, with half lengths along and across it."""
     x_m, y_m, *half_m = np.array(places).T
     return np.concatenate([line.at(x_m, y_m), np.stack(half_m, axis=1)], axis=1)
@@ -308,9 +319,10 @@ def overlaps(box: Numbers, boxes: Numbers) -> Numbers:
     return meets
 
 
-def _cut_into_blocks(layout: Layout, room: Room, random: np.random.Generator) -> None:
+def _cut_into_blocks(layout: Layout, random: np.random.Generator) -> None:
     """Place crossing streets where there is room, zebras between them, and the blocks that are left."""
     file, begin_m, part_m = layout.file, layout.begin_m, layout.begin_m
+    zebras_m: list[float] = []
     while True:
         middle_m = part_m + random.uniform(*file.block_m) + CROSS_HALF_M
         is_last = middle_m + CROSS_HALF_M + file.block_m[0] > layout.end_m
@@ -319,35 +331,34 @@ def _cut_into_blocks(layout: Layout, room: Room, random: np.random.Generator) ->
             x_m = random.uniform(part_m + 25.0, part_end_m - 25.0)
             if not layout.bends(x_m - ZEBRA_M, x_m + ZEBRA_M):
                 layout.crossings.append(Crossing(x_m, 0.5 * ZEBRA_M, is_zebra=True))
-        if is_last:
-            layout.blocks.append(Block(begin_m, layout.end_m))
-            return
+                zebras_m.append(x_m)
         part_m = middle_m + CROSS_HALF_M
-        if _crosses(layout, room, middle_m):
-            layout.blocks.append(Block(begin_m, part_end_m))
+        if is_last or _crosses(layout, middle_m):
+            layout.blocks.append(Block(begin_m, part_end_m, tuple(zebras_m)))
+            if is_last:
+                return
             layout.crossings.append(Crossing(middle_m, CROSS_HALF_M, is_zebra=False))
-            begin_m = part_m
+            begin_m, zebras_m = part_m, []
 
 
-def _crosses(layout: Layout, room: Room, middle_m: float) -> bool:
+def _crosses(layout: Layout, middle_m: float) -> bool:
     """Return whether a street can cross here: where this one is straight, and nothing is in its way."""
     if layout.line.sharpest_per_m(middle_m - CROSS_HALF_M - 2.0, middle_m + CROSS_HALF_M + 2.0) > 0.0:
         return False
     half_m = 0.5 * (CROSS_REACH_M - layout.front_m), CROSS_HALF_M + KERB_M + layout.file.pavement_m - 0.05
     arms = [(middle_m, side * (layout.front_m + half_m[0]), half_m[1], half_m[0]) for side in (-1, 1)]
-    return room.take(_boxes(layout.line, arms))
+    return layout.room.take(_boxes(layout.line, arms))
 
 
-def _park_cars(layout: Layout, block: Block, side: int, zebras: list[float], random: np.random.Generator) -> None:
+def _park_cars(layout: Layout, block: Block, side: int, random: np.random.Generator) -> None:
     """Park vehicles in bays, none near a crossing or a zebra, nor where works close them."""
     share = random.uniform(*layout.file.parked_share)
     y_m = side * (layout.kerb_m - 0.5 * PARKING_M)
-    works_m = _close_bays(layout, block, side, zebras, random)
+    works_m = _close_bays(layout, block, side, random)
     for x_m in np.arange(block.begin_m + 8.0, block.end_m - 8.0 - BAY_M, BAY_M) + 0.5 * BAY_M:
         body, paint, shift_m, turn_deg, parks = random.random(5)
-        if parks >= share or any(abs(x_m - zebra_m) < 5.0 + BAY_M for zebra_m in zebras):
-            continue
-        if layout.bends(x_m - BAY_M, x_m + BAY_M) or abs(x_m - works_m) < 0.5 * WORKS_M + BAY_M:
+        is_closed = block.has_zebra(x_m, 5.0 + BAY_M) or abs(x_m - works_m) < 0.5 * WORKS_M + BAY_M
+        if parks >= share or is_closed or layout.bends(x_m - BAY_M, x_m + BAY_M):
             continue
         longest_m = BAY_M - PARKED_GAP_M
         name = draw_vehicle("parked", body, paint, longest_m=longest_m, widest_m=WIDEST_PARKED_M)
@@ -355,12 +366,12 @@ def _park_cars(layout: Layout, block: Block, side: int, zebras: list[float], ran
         layout.add(name, place_m, y_m, (180.0 if side > 0 else 0.0) + 2.0 * (turn_deg - 0.5))
 
 
-def _close_bays(layout: Layout, block: Block, side: int, zebras: list[float], random: np.random.Generator) -> float:
+def _close_bays(layout: Layout, block: Block, side: int, random: np.random.Generator) -> float:
     """Close parking bays for works, with cones and a barrier at each end; return their middle, infinite without any."""
     share, place = random.random(2)
     x_m = block.begin_m + 20.0 + place * max(block.length_m - 40.0, 0.0)
-    near_zebra = any(abs(x_m - zebra_m) < 5.0 + WORKS_M for zebra_m in zebras)
-    if share >= WORKS_SHARE or near_zebra or layout.bends(x_m - WORKS_M, x_m + WORKS_M) or block.length_m < 60.0:
+    is_open = share >= WORKS_SHARE or block.length_m < 60.0 or block.has_zebra(x_m, 5.0 + WORKS_M)
+    if is_open or layout.bends(x_m - WORKS_M, x_m + WORKS_M):
         return np.inf
     for along_m in np.arange(-0.5 * WORKS_M, 0.5 * WORKS_M + 0.1, CONE_STEP_M):
         layout.add("cones", x_m + along_m, side * (layout.kerb_m - PARKING_M + 0.35))
@@ -369,9 +380,7 @@ def _close_bays(layout: Layout, block: Block, side: int, zebras: list[float], ra
     return float(x_m)
 
 
-def _build_houses(
-    layout: Layout, room: Room, block: Block, side: int, district: District, random: np.random.Generator
-) -> None:
+def _build_houses(layout: Layout, block: Block, side: int, district: District, random: np.random.Generator) -> None:
     """Build houses on plots side by side where there is room; a plot without one may have a tree."""
     file, meshes = layout.file, catalog.shipped_meshes()
     share = random.uniform(*file.house_share)
@@ -385,52 +394,62 @@ def _build_houses(
         middle_m = x_m + 0.5 * width_m
         house_y_m, tree_y_m = layout.front_m + setback_m + front_m, layout.front_m + reach_m
         if is_built:
-            plot = middle_m, side * (house_y_m + 0.5 * EAVES_M), 0.5 * width_m, front_m + 0.5 * EAVES_M
-            if not room.take(_boxes(layout.line, [plot])):
+            half_m = 0.5 * width_m, front_m + 0.5 * EAVES_M
+            if not layout.take(middle_m, side * (house_y_m + 0.5 * EAVES_M), *half_m):
                 x_m += PLOT_SHIFT_M
                 continue
             layout.add(f"houses_{house}_{wall}", middle_m, side * house_y_m, -90.0 * side)
             if district.border:
-                _border_garden(layout, room, district, side, x_m, width_m)
+                _border_garden(layout, district, side, x_m, width_m)
         elif random.random() < 0.7:
             yaw_deg, reach_m = random.uniform(0.0, 360.0), meshes[tree]["reach_m"]
-            if room.take(_boxes(layout.line, [(middle_m, side * tree_y_m, reach_m, reach_m)])):
+            if layout.take(middle_m, side * tree_y_m, reach_m, reach_m):
                 layout.add(f"trees_{tree}_{len(TREE_SCALES) - 1}", middle_m, side * tree_y_m, yaw_deg)
         x_m += width_m + 0.1
 
 
-def _border_garden(layout: Layout, room: Room, district: District, side: int, x_m: float, width_m: float) -> None:
+def _border_garden(layout: Layout, district: District, side: int, x_m: float, width_m: float) -> None:
     """Place a hedge or a fence along a plot where there is room, with a gap for a gate in its middle."""
     y_m, half_m = side * (layout.front_m + BORDER_M), (0.5 * BORDER_STEP_M - 0.005, 0.75 * BORDER_M)
     for number in range(int((width_m - GATE_M) // (2.0 * BORDER_STEP_M))):
         away_m = 0.5 * GATE_M + (number + 0.5) * BORDER_STEP_M
         for place_m in (x_m + 0.5 * width_m - away_m, x_m + 0.5 * width_m + away_m):
-            if room.take(_boxes(layout.line, [(place_m, y_m, *half_m)])):
+            if layout.take(place_m, y_m, *half_m):
                 layout.add(f"{district.border}s", place_m, y_m, 90.0 * side)
 
 
-def _plant_bushes(layout: Layout, room: Room, random: np.random.Generator) -> None:
+def _plant_bushes(layout: Layout, random: np.random.Generator) -> None:
     """Plant bushes where nothing else is beside the pavements."""
     reach_m = catalog.shipped_meshes()["bush"]["reach_m"]
     for side in (-1, 1):
-        x_m = layout.begin_m + random.uniform(*BUSH_SPACING_M)
-        while x_m < layout.end_m:
+        for x_m in spaced(random, BUSH_SPACING_M, layout.begin_m, layout.end_m):
             y_m, scale = side * (layout.front_m + random.uniform(*BUSH_ASIDE_M)), random.integers(len(TREE_SCALES))
-            if room.take(_boxes(layout.line, [(x_m, y_m, reach_m, reach_m)])):
+            if layout.take(x_m, y_m, reach_m, reach_m):
                 layout.add(f"{BUSHES}_{scale}", x_m, y_m, random.uniform(0.0, 360.0))
-            x_m += random.uniform(*BUSH_SPACING_M)
 
 
-def _line_kerb(
-    layout: Layout, block: Block, side: int, zebras: list[float], district: District, random: np.random.Generator
-) -> None:
+def spaced(
+    random: np.random.Generator, spacing_m: tuple[float, float], begin_m: float, end_m: float, first: float = 1.0
+) -> Iterator[float]:
+    """Yield places with a drawn distance from one to the next.
+
+    Args:
+        first: share of a distance from the begin to the first of them
+    """
+    place_m = begin_m + first * random.uniform(*spacing_m)
+    while place_m < end_m:
+        yield place_m
+        place_m += random.uniform(*spacing_m)
+
+
+def _line_kerb(layout: Layout, block: Block, side: int, district: District, random: np.random.Generator) -> None:
     """Place traffic lights, lamps, signs, bins, trees and people who stand along a kerb.
 
     They are placed in this order where they come too close.
     """
-    file, line = layout.file, _Line(layout, block, zebras)
+    file, line = layout.file, _Line(layout, block)
     towards_deg = 180.0 if side < 0 else 0.0
-    for zebra_m in zebras:
+    for zebra_m in block.zebras_m:
         for shift_m in (-3.3, -2.6, 2.6, 3.3):
             layout.add("bollards", zebra_m + shift_m, side * (layout.kerb_m + 0.35))
         # The one who drives towards the zebra on this side sees the sign's face.
@@ -465,8 +484,8 @@ def _line_kerb(
 class _Line:
     """The line along a kerb of a block, and which places on it are taken."""
 
-    def __init__(self, layout: Layout, block: Block, zebras: list[float]) -> None:
-        self._block, self._zebras = block, zebras
+    def __init__(self, layout: Layout, block: Block) -> None:
+        self._block = block
         self._taken_m: list[float] = []
         # On the inner side of a bend things stand closer than along the middle of the street.
         curvature_per_m = layout.line.sharpest_per_m(block.begin_m, block.end_m)
@@ -476,8 +495,8 @@ class _Line:
         """Yield places one after the other, those left out that are taken."""
         x_m = self._block.begin_m + 3.0 + random.random() * spacing_m[0]
         while x_m < self._block.end_m - 3.0:
-            near_zebra = any(abs(x_m - zebra_m) < 6.0 for zebra_m in self._zebras)
-            if not near_zebra and all(abs(x_m - taken_m) >= self._free_m for taken_m in self._taken_m):
+            is_free = all(abs(x_m - taken_m) >= self._free_m for taken_m in self._taken_m)
+            if is_free and not self._block.has_zebra(x_m, 6.0):
                 self._taken_m.append(x_m)
                 yield x_m
             x_m += max(random.uniform(*spacing_m), self._free_m)

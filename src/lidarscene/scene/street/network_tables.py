@@ -17,19 +17,21 @@ from ...maths.arrays import Numbers
 from ..ground import SPACING_M, Strip
 from ..ground_area import Outline
 from .islands import islands_between_m, kerbed_corner_m, ring_island_m
-from .layout import EAVES_M, KERB_M, POST_LINE_M, Room
-from .pieces import FOOT_M, PAINT_M, RAISED_M, Tables, box_places_m, ground, placed, sheet, soil, street_scene
-from .polylines import along, on_line, way_length_m, ways_m
+from .layout import EAVES_M, KERB_M, POST_LINE_M, Room, spaced
+from .pieces import FOOT_M, PAINT_M, RAISED_M, Tables, box_places_m, ground, placed, rounded, sheet, soil, street_scene
+from .polylines import along, beside, on_line, poses_along, way_length_m, ways_m
 from .shapes import (
     BUSH_ASIDE_M,
     BUSH_SPACING_M,
     BUSHES,
-    PAINT,
     PEOPLE,
     TREE_SCALES,
     District,
-    body_table,
+    bodies_of,
     draw_district,
+    moving_table,
+    own_table,
+    paint_at,
     shapes,
     standing_table,
 )
@@ -169,7 +171,7 @@ def network_scene(source: Path | int, kind: NetworkKind, file: StreetFile, *, eg
             *([] if terrain is None else _piers(near, relief, terrain)),
             *_markings(near, relief, islands),
             *_surroundings(near, file, relief, terrain),
-            body_table("own_car", shapes()[_look(own)], moves=True) | {"motion": {"with_ego": True}},
+            own_table(_look(own)) | {"name": "own_car"},
             *_moving(others, relief),
         ],
     )
@@ -206,10 +208,7 @@ def _places_on_lanes(network: Network) -> list[Numbers]:
 def _places_across(group: LaneGroup, way_m: float) -> Numbers:
     """(n, 3) places across lanes, some two metres apart."""
     left_m = np.linspace(-0.5, 0.5, 2 + int(group.width_m / PLACES_M)) * group.width_m
-    ((x_m, y_m, heading),) = along(group.line_m, np.array([way_m])).tolist()
-    rise_m = np.interp(way_m, ways_m(group.line_m), group.line_m[:, 2])
-    places = x_m - left_m * math.sin(heading), y_m + left_m * math.cos(heading), np.full(len(left_m), rise_m)
-    return np.stack(places, axis=1)
+    return beside(group.line_m, np.full(len(left_m), way_m), left_m)
 
 
 def _places_on_areas(network: Network) -> list[Numbers]:
@@ -252,7 +251,7 @@ def _drawn_bodies() -> dict[str, tuple[str, float, float, float]]:
     """Bodies of drawn traffic: SUMO's class, length, width and share of the vehicles."""
     found = {}
     for kind, share in SHARES.items():
-        bodies = [body for body in catalog.vehicles().values() if body.class_name in FAMILIES.get(kind, ("car",))]
+        bodies = bodies_of(FAMILIES.get(kind, ("car",)))
         for body in bodies:
             found[body.name] = kind, body.size_m[0], body.size_m[1], share / len(bodies)
     return found
@@ -265,14 +264,11 @@ def _look(mover: RoadUser) -> str:
         return "walkers_wheelchair_user"
     if mover.kind == "pedestrian":
         return f"walkers_{PEOPLE[number % len(PEOPLE)]}"
-    classes = FAMILIES.get(mover.kind, ("car",))
-    bodies = [body for body in catalog.vehicles().values() if body.class_name in classes]
-    apart_m = [abs(body.size_m[0] - mover.length_m) for body in bodies]
-    alike = [body.name for body, apart in zip(bodies, apart_m, strict=True) if apart <= min(apart_m) + ALIKE_M]
-    shares = catalog.paint_shares()
-    paint = np.searchsorted(np.cumsum(list(shares.values())), (number // 64) % 9973 / 9973)
-    chosen = list(shares)[min(int(paint), len(shares) - 1)].removeprefix(PAINT)
-    return f"traffic_{alike[number % len(alike)]}_{chosen}"
+    apart_m = {
+        body.name: abs(body.size_m[0] - mover.length_m) for body in bodies_of(FAMILIES.get(mover.kind, ("car",)))
+    }
+    alike = [name for name, apart in apart_m.items() if apart <= min(apart_m.values()) + ALIKE_M]
+    return f"traffic_{alike[number % len(alike)]}_{paint_at((number // 64) % 9973 / 9973)}"
 
 
 def _motion(mover: RoadUser, relief: Relief, *, at_end: str, tilts: bool = True) -> Tables:
@@ -300,11 +296,10 @@ def _moving(movers: Sequence[RoadUser], relief: Relief) -> list[Tables]:
     for mover in movers:
         if mover.kind not in BODILESS:
             looks.setdefault(_look(mover), []).append(mover)
-    bodies = []
-    for name, alike in sorted(looks.items(), key=lambda look: (shapes()[look[0]].mesh, look[0])):
-        instances = [{"motion": _motion(mover, relief, at_end="hide")} for mover in alike]
-        bodies.append(body_table(name, shapes()[name], moves=True) | {"on_ground": True, "instances": instances})
-    return bodies
+    return [
+        moving_table(name, [_motion(mover, relief, at_end="hide") for mover in alike])
+        for name, alike in sorted(looks.items(), key=lambda look: (shapes()[look[0]].mesh, look[0]))
+    ]
 
 
 def _strip(
@@ -319,20 +314,15 @@ def _strip(
             break
         number = int(np.argmin(np.hypot(*(kept_m - corner_m)[:, :2].T)))
         kept_m = np.delete(kept_m, min(max(number, 1), len(kept_m) - 2), axis=0)
-    sizes = {"line": _rounded(kept_m), "width_m": round(width_m, 3), "offset_m": round(offset_m, 3)}
+    sizes = {"line": rounded(kept_m), "width_m": round(width_m, 3), "offset_m": round(offset_m, 3)}
     return ground(name, class_name, material, **sizes, **keys)
-
-
-def _rounded(points_m: Numbers) -> list[list[float]]:
-    """Points to a millimetre, as a file has them."""
-    return [[round(number, 3) + 0.0 for number in point] for point in points_m.tolist()]
 
 
 def _area(name: str, class_name: str, material: str, corners_m: Numbers, **keys: Any) -> list[Tables]:
     """Ground within an outline; none where that crosses itself or is as thin as a line."""
-    if not Outline(corner_m=np.array(_rounded(corners_m)), spacing_m=SPACING_M).is_usable():
+    if not Outline(corner_m=np.array(rounded(corners_m)), spacing_m=SPACING_M).is_usable():
         return []
-    return [ground(name, class_name, material, outline=_rounded(corners_m), **keys)]
+    return [ground(name, class_name, material, outline=rounded(corners_m), **keys)]
 
 
 def _grounds(network: Network, islands: Sequence[Island]) -> list[Tables]:
@@ -403,12 +393,6 @@ def _piers(network: Network, relief: Relief, terrain: Terrain) -> list[Tables]:
     return piers
 
 
-def _marks(line_m: Numbers, way_m: Numbers, left_m: float = 0.0, turn_deg: float = 0.0) -> list[Tables]:
-    """Poses of markings along a line."""
-    places = along(line_m, way_m, left_m).tolist()
-    return [placed(x_m, y_m, PAINT_M, math.degrees(heading) + turn_deg) for x_m, y_m, heading in places]
-
-
 def _markings(network: Network, relief: Relief, islands: Sequence[Island]) -> list[Tables]:
     """Lines at the edges of roads and between lanes, stop lines, and zebras at crossings; none below bridges."""
     keys: Tables = {"spacing_m": MARK_SPACING_M, "on_ground": True}
@@ -431,10 +415,10 @@ def _markings(network: Network, relief: Relief, islands: Sequence[Island]) -> li
         way_m = np.arange(0.5 * DASHES_M, length_m - 0.5 * DASHES_M, DASHES_M)
         way_m = way_m[~relief.has_storey(on_line(group.line_m, way_m), above=True, beside_m=UNDER_M)]
         for border_m in np.cumsum(group.widths_m)[:-1].tolist():
-            dashes = _marks(group.line_m, way_m, border_m - 0.5 * group.width_m)
+            dashes = poses_along(group.line_m, way_m, border_m - 0.5 * group.width_m, z_m=PAINT_M)
             marks.setdefault(("dashes", DASH_M, LINE_M), []).extend(dashes)
         if group.ends_at_lights:
-            stop = _marks(group.line_m, np.array([length_m - 0.4]))
+            stop = poses_along(group.line_m, np.array([length_m - 0.4]), z_m=PAINT_M)
             marks.setdefault(("stop_lines", 0.3, round(group.width_m - 2.0 * ASIDE_M, 2)), []).extend(stop)
     raised = [*network.corners, *(island_m for island_m, _ in islands)]
     pavements = [Outline(corner_m=corners_m, spacing_m=SPACING_M) for corners_m in raised]
@@ -450,7 +434,7 @@ def _markings(network: Network, relief: Relief, islands: Sequence[Island]) -> li
             for places_m in [box_places_m((x_m, y_m, heading, 0.5 * STRIPE_M, 0.5 * stripe_m), MARK_SPACING_M)]
             for beside in [((low_m < places_m.max(axis=0)) & (high_m > places_m.min(axis=0))).all(axis=1)]
         ]
-        stripes = _marks(shape_m, way_m[np.array(off_kerb, dtype=bool)], 0.0, 90.0)
+        stripes = poses_along(shape_m, way_m[np.array(off_kerb, dtype=bool)], z_m=PAINT_M, turn_deg=90.0)
         marks.setdefault(("zebras", stripe_m, STRIPE_M), []).extend(stripes)
     for number, ((name, *size_m), places) in enumerate(marks.items()):
         if places:
@@ -499,6 +483,10 @@ class _Roadside:
             boxes.append(np.array([[*0.5 * (low_m + high_m), 0.0, *0.5 * (high_m - low_m)]]))
         self._roads, self._room = Room(np.concatenate(boxes)), Room(np.concatenate(boxes))
 
+    def _add(self, name: str, *places: Tables) -> None:
+        for place in places:
+            self.items.setdefault(name, []).append(place)
+
     def lights(self, network: Network) -> None:
         """Place traffic lights where lanes end at them, to the right of these and of cycle paths beside them."""
         for group in network.groups:
@@ -506,10 +494,8 @@ class _Roadside:
                 beside = [each for each in network.groups if each.edge == group.edge and each.kind == "cycle_path"]
                 aside_m = 0.5 * group.width_m + sum(each.width_m for each in beside) + POST_LINE_M
                 way_m = np.array([max(way_length_m(group.line_m) - 0.5, 0.0)])
-                ((x_m, y_m, heading),) = along(group.line_m, way_m, -aside_m).tolist()
-                self._room.take(np.array([[x_m, y_m, heading, 0.2, 0.2]]))
-                place = placed(x_m, y_m, 0.0, math.degrees(heading) + 180.0)
-                self.items.setdefault("lights", []).append(place)
+                self._room.take(np.hstack([along(group.line_m, way_m, -aside_m), [[0.2, 0.2]]]))
+                self._add("lights", *poses_along(group.line_m, way_m, -aside_m, turn_deg=180.0))
 
     def parapets(self, group: LaneGroup, relief: Relief) -> None:
         """Place guard rails on both sides of a road where it passes over another."""
@@ -519,9 +505,7 @@ class _Roadside:
         way_m = way_m[relief.has_storey(on_line(group.line_m, way_m), above=False, beside_m=OVER_M)]
         for side in (-1.0, 1.0):
             left_m = side * (0.5 * group.width_m - 0.5 * ASIDE_M)
-            for x_m, y_m, heading in along(group.line_m, way_m, left_m).tolist():
-                place = placed(x_m, y_m, 0.0, math.degrees(heading) - 90.0 * side)
-                self.items.setdefault("guard_rails", []).append(place)
+            self._add("guard_rails", *poses_along(group.line_m, way_m, left_m, turn_deg=-90.0 * side))
 
     def rails(self, group: LaneGroup, side: float) -> None:
         """Place guard rails along one side of a fast road, where nothing else is."""
@@ -535,10 +519,8 @@ class _Roadside:
         random, file, meshes = self.random, self._file, catalog.shipped_meshes()
         length_m, share = way_length_m(group.line_m), random.uniform(*file.house_share)
         edge_m = 0.5 * group.width_m
-        way_m = 0.5 * random.uniform(*file.lamp_spacing_m)
-        while way_m < length_m:
+        for way_m in spaced(random, file.lamp_spacing_m, 0.0, length_m, 0.5):
             self._place("lamp_posts", group, (way_m, side * (edge_m + POST_LINE_M)), (0.2, 0.2), -90.0 * side)
-            way_m += random.uniform(*file.lamp_spacing_m)
         way_m = 0.0
         while way_m < length_m:
             house, wall, tree = (random.choice(each) for each in (district.houses, district.walls, district.trees))
@@ -556,14 +538,10 @@ class _Roadside:
     def bushes(self, group: LaneGroup, side: float) -> None:
         """Plant bushes along one side of a road, where nothing else is."""
         random, reach_m = self.random, catalog.shipped_meshes()["bush"]["reach_m"]
-        way_m = random.uniform(*BUSH_SPACING_M)
-        while way_m < way_length_m(group.line_m):
-            left_m, scale = (
-                side * (0.5 * group.width_m + random.uniform(*BUSH_ASIDE_M)),
-                random.integers(len(TREE_SCALES)),
-            )
-            self._place(f"{BUSHES}_{scale}", group, (way_m, left_m), (reach_m, reach_m), random.uniform(0.0, 360.0))
-            way_m += random.uniform(*BUSH_SPACING_M)
+        for way_m in spaced(random, BUSH_SPACING_M, 0.0, way_length_m(group.line_m)):
+            left_m = side * (0.5 * group.width_m + random.uniform(*BUSH_ASIDE_M))
+            name = f"{BUSHES}_{random.integers(len(TREE_SCALES))}"
+            self._place(name, group, (way_m, left_m), (reach_m, reach_m), random.uniform(0.0, 360.0))
 
     def _place(
         self, name: str, group: LaneGroup, place_m: tuple[float, float], half_m: tuple[float, float], turn_deg: float
@@ -579,5 +557,5 @@ class _Roadside:
             z_m = 0.0
             if self._terrain is not None and name.startswith("houses"):
                 z_m = self._terrain.lowest_m((x_m, y_m, heading, *half_m))
-            self.items.setdefault(name, []).append(placed(x_m, y_m, z_m, math.degrees(heading) + turn_deg))
+            self._add(name, placed(x_m, y_m, z_m, math.degrees(heading) + turn_deg))
         return free

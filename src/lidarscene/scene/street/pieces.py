@@ -51,6 +51,11 @@ def placed(
     return pose | {name: angle_deg for name, angle_deg in angles.items() if angle_deg}
 
 
+def rounded(points_m: Numbers, digits: int = 3) -> list[list[float]]:
+    """Points to a millimetre or to fewer or more digits, as a file has them."""
+    return [[round(number, digits) + 0.0 for number in point] for point in points_m.tolist()]
+
+
 def box_places_m(box: tuple[float, float, float, float, float], step_m: float) -> Numbers:
     """(n, 2) places of a rectangle, its corners too: x, y, yaw [rad], half lengths along it and across.
 

@@ -179,6 +179,17 @@ def body_table(name: str, shape: StreetBody, *, moves: bool = False) -> Tables:
     return body | ({"scale": shape.scale} if shape.scale != 1.0 else {})
 
 
+def own_table(name: str) -> Tables:
+    """Table of the vehicle that carries the sensor."""
+    return body_table(name, shapes()[name], moves=True) | {"motion": {"with_ego": True}}
+
+
+def moving_table(name: str, motions: Sequence[Tables]) -> Tables:
+    """Table of what moves along roads: an instance for each motion."""
+    instances = [{"motion": motion} for motion in motions]
+    return body_table(name, shapes()[name], moves=True) | {"on_ground": True, "instances": instances}
+
+
 def standing_table(name: str, places: Sequence[Tables]) -> Tables:
     """Table of what stands along a street; houses are level, all others on the ground."""
     body = body_table(name, shapes()[name])
@@ -211,9 +222,19 @@ def draw_vehicle(
         without: classes that are not drawn
     """
     names, sums = _fleet(group, longest_m, widest_m, curvature_per_m, without)
+    return f"{group}_{names[int(np.searchsorted(sums, number, side='right'))]}_{paint_at(paint)}"
+
+
+def paint_at(number: float) -> str:
+    """Paint that a number from 0 to 1 chooses, by the shares of paints."""
     paints = catalog.paint_shares()
-    chosen = list(paints)[int(np.searchsorted(np.cumsum(list(paints.values())), paint, side="right"))]
-    return f"{group}_{names[int(np.searchsorted(sums, number, side='right'))]}_{chosen.removeprefix(PAINT)}"
+    place = np.searchsorted(np.cumsum(list(paints.values())), number, side="right")
+    return list(paints)[min(int(place), len(paints) - 1)].removeprefix(PAINT)
+
+
+def bodies_of(classes: Sequence[str]) -> list[catalog.VehicleBody]:
+    """Vehicles of some classes."""
+    return [body for body in catalog.vehicles().values() if body.class_name in classes]
 
 
 @functools.cache

@@ -9,7 +9,6 @@ from __future__ import annotations
 import copy
 import functools
 import math
-import re
 import shutil
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -20,12 +19,12 @@ import numpy as np
 
 from ... import catalog
 from ...files.atomic import atomic_folder
-from ...files.overrides import toml_text
+from ...files.overrides import toml_entry, toml_text
 from ...maths.arrays import Numbers
 from ..derived import merged
 from .layout import CROSS_HALF_M, CROSS_REACH_M, KERB_M, STOP_LINE_M, ZEBRA_M, Block, Layout, Place, lay_out
-from .pieces import FOOT_M, PAINT_M, RAISED_M, Tables, ground, placed, sheet, soil, street_scene
-from .shapes import PEOPLE, WALKERS, body_table, shapes, standing_table
+from .pieces import FOOT_M, PAINT_M, RAISED_M, Tables, ground, placed, rounded, sheet, soil, street_scene
+from .shapes import PEOPLE, WALKERS, moving_table, own_table, shapes, standing_table
 from .street_file import StreetFile
 from .terrain import PLACES_M, SOIL_BLUR_M, Relief, Terrain
 from .traffic import Track, Traffic, drive
@@ -69,7 +68,7 @@ def street_tables(file: StreetFile) -> Tables:
             *_markings([layout]),
             *_markings(layout.side_streets, "side_"),
             *_standing(layout, terrain),
-            body_table("own_car", shapes()["own_car"], moves=True) | {"motion": {"with_ego": True}},
+            own_table("own_car"),
             *_moving(layout, traffic),
         ],
     )
@@ -150,41 +149,27 @@ def _write_motion(motion: Tables, folder: Path, name: str) -> None:
     motion["poses_file"] = f"motions/{name}.csv"
 
 
-def _value_text(value: Any) -> str:
-    """Write a value as TOML, tables in a line as people write them."""
-    if isinstance(value, dict):
-        return "{ " + ", ".join(_entry_text(key, entry) for key, entry in value.items()) + " }" if value else "{}"
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(map(_value_text, value)) + "]"
-    return toml_text(value)
-
-
-def _entry_text(key: str, value: Any) -> str:
-    """Write a key with its value, in quotes where TOML needs them."""
-    return f"{key if re.fullmatch('[A-Za-z0-9_-]+', key) else toml_text(key)} = {_value_text(value)}"
-
-
 def scene_text(tables: Mapping[str, Any]) -> str:
     """Write the tables of a scene file as TOML, each body in a table and each instance on a line of its own."""
-    lines = [_entry_text(key, value) for key, value in tables.items() if not isinstance(value, (dict, list))]
+    lines = [toml_entry(key, value) for key, value in tables.items() if not isinstance(value, (dict, list))]
     for key, table in tables.items():
         if isinstance(table, dict):
-            lines += ["", f"[{key}]", *(_entry_text(name, value) for name, value in table.items())]
+            lines += ["", f"[{key}]", *(toml_entry(name, value) for name, value in table.items())]
     for key, rows in tables.items():
         for row in rows if isinstance(rows, list) else ():
             lines += ["", f"[[{key}]]"]
             for name, value in row.items():
                 if name == "instances":
-                    lines += ["instances = [", *(f"    {_value_text(instance)}," for instance in value), "]"]
+                    lines += ["instances = [", *(f"    {toml_text(instance)}," for instance in value), "]"]
                 else:
-                    lines.append(_entry_text(name, value))
+                    lines.append(toml_entry(name, value))
     return "\n".join(lines) + "\n"
 
 
-def _along(layout: Layout, x_m: float, y_m: float, z_m: float = 0.0, yaw_deg: float = 0.0) -> Tables:
-    """Pose at a place of the street, turned against it."""
+def _along(layout: Layout, x_m: float, y_m: float, z_m: float = 0.0, yaw_deg: float = 0.0, *tilt_deg: float) -> Tables:
+    """Pose at a place of the street, turned against it, with pitch and roll."""
     ((east_m, north_m, heading),) = layout.line.at(np.array([x_m]), np.array([y_m])).tolist()
-    return placed(east_m, north_m, z_m, yaw_deg + math.degrees(heading))
+    return placed(east_m, north_m, z_m, yaw_deg + math.degrees(heading), *tilt_deg)
 
 
 def _places_on_roads(layout: Layout) -> Numbers:
@@ -217,9 +202,8 @@ def _stood(layout: Layout, terrain: Terrain | None, name: str, place: Place) -> 
         width_m, front_m, _ = catalog.shipped_meshes()[shapes()[name].mesh]["plot_m"]
         ((east_m, north_m, heading),) = layout.line.at(np.array([x_m]), np.array([y_m])).tolist()
         return _along(layout, x_m, y_m, terrain.lowest_m((east_m, north_m, heading, 0.5 * width_m, front_m)), yaw_deg)
-    pitch_deg, roll_deg = layout.tilt_deg(np.array([x_m]), np.array([yaw_deg]))[0].tolist()
-    tilted = {"pitch_deg": round(pitch_deg, 2), "roll_deg": round(roll_deg, 2)} if name.startswith(TILTED) else {}
-    return _along(layout, x_m, y_m, 0.0, yaw_deg) | {key: angle for key, angle in tilted.items() if angle}
+    tilt_deg = layout.tilt_deg(np.array([x_m]), np.array([yaw_deg]))[0] if name.startswith(TILTED) else ()
+    return _along(layout, x_m, y_m, 0.0, yaw_deg, *tilt_deg)
 
 
 def _poses(layout: Layout, track: Track, *, tilts: bool = True) -> list[Tables]:
@@ -265,8 +249,7 @@ def _moving(layout: Layout, traffic: Traffic) -> list[Tables]:
     names = dict.fromkeys(sorted(track.name for track in traffic.others))
     tracks = _by_shape({name: [track for track in traffic.others if track.name == name] for name in names})
     for name, of_shape in tracks.items():
-        instances = [{"motion": {"poses": _poses(layout, track), "at_end": at_end}} for track in of_shape]
-        bodies.append(body_table(name, shapes()[name], moves=True) | {"on_ground": True, "instances": instances})
+        bodies.append(moving_table(name, [{"poses": _poses(layout, track), "at_end": at_end} for track in of_shape]))
     return bodies
 
 
@@ -277,9 +260,8 @@ def _strip(
     class_name, material = STRIPS[kind]
     side = {1.0: "_left", -1.0: "_right"}.get(math.copysign(1.0, offset_m) if offset_m else 0.0, "")
     points = layout.line.points_m(block.begin_m, block.end_m, layout.profile)
-    line = [[round(number_m, 4) for number_m in point] for point in points.tolist()]
-    sizes = {"width_m": round(width_m, 3), "offset_m": round(offset_m, 4)}
-    return ground(f"{kind}_{number}{side}", class_name, material, line=line, **sizes, **keys)
+    sizes = {"line": rounded(points, 4), "width_m": round(width_m, 3), "offset_m": round(offset_m, 4)}
+    return ground(f"{kind}_{number}{side}", class_name, material, **sizes, **keys)
 
 
 def _grounds(layout: Layout) -> list[Tables]:

@@ -16,6 +16,7 @@ import signal
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -321,28 +322,16 @@ def read_network(path: Path) -> Network:
 def _groups(edge: Any) -> Iterator[LaneGroup]:
     """Yield the lanes of an edge, those of one kind side by side together."""
     ends_at_lights = "traffic_light" in edge.getToNode().getType()
-    together: list[Any] = []
-
-    def group() -> LaneGroup:
-        shapes = [np.array(lane.getShape3D()) for lane in together]
-        widths = tuple(float(lane.getWidth()) for lane in together)
+    alike = itertools.groupby(edge.getLanes(), key=lambda lane: (_kind(lane), len(lane.getShape3D())))
+    for (kind, _), together in alike:
+        if kind is None:
+            continue
+        shapes, widths = zip(*((np.array(lane.getShape3D()), float(lane.getWidth())) for lane in together), strict=True)
         apart_m = sum(widths) - 0.5 * (widths[0] + widths[-1])
         # The middle of all lanes between those of the first and of the last.
         share = (0.5 * sum(widths) - 0.5 * widths[0]) / apart_m if apart_m > 0.0 else 0.0
-        line_m = shapes[0] + share * (shapes[-1] - shapes[0])
-        kind = _kind(together[0])
-        assert kind is not None
-        return LaneGroup(kind, _without_repeats(line_m), widths, edge.getID(), ends_at_lights, edge.getSpeed())
-
-    for lane in edge.getLanes():
-        fits = together and _kind(lane) == _kind(together[0])
-        if together and not (fits and len(lane.getShape3D()) == len(together[0].getShape3D())):
-            yield group()
-            together = []
-        if _kind(lane) is not None:
-            together.append(lane)
-    if together:
-        yield group()
+        line_m = _without_repeats(shapes[0] + share * (shapes[-1] - shapes[0]))
+        yield LaneGroup(kind, line_m, widths, edge.getID(), ends_at_lights, edge.getSpeed())
 
 
 def _kind(lane: Any) -> LaneKind | None:
@@ -488,18 +477,8 @@ def read_scenario(path: Path) -> Scenario:
 def drawn_scenario(source: str, network: Path, routes: Path, *, seed: int, last_s: float) -> Scenario:
     """Return the simulation of drawn trips through the network of a map."""
     options = {"--step-length": STEP_S, "--lanechange.duration": LANE_CHANGE_S, "--seed": seed, "--end": last_s}
-    arguments = [
-        "-n",
-        str(network),
-        "-r",
-        str(routes),
-        "--ignore-route-errors",
-        "--no-warnings",
-        "--time-to-teleport",
-        "-1",
-    ]
-    for option, value in options.items():
-        arguments += [option, f"{value:g}"]
+    arguments = ["-n", str(network), "-r", str(routes), "--ignore-route-errors", "--no-warnings"]
+    arguments += ["--time-to-teleport", "-1", *(text for key in options for text in (key, f"{options[key]:g}"))]
     return Scenario(source, network, tuple(arguments), _types([routes]))
 
 
@@ -532,11 +511,9 @@ def simulate(scenario: Scenario, *, ego: str | None, shown_m: float, folder: Pat
         more = f", and {len(dropped) - 1} more" if len(dropped) > 1 else ""
         warn(OptionWarning("{0}: sumo left out vehicles or people: {1}{2}", scenario.source, dropped[0], more))
     if ego is None:
-        counts: dict[str, int] = {}
-        for _, things in _steps(output):
-            for thing in things:
-                if thing.tag == "vehicle":
-                    counts[thing.get("id", "")] = counts.get(thing.get("id", ""), 0) + 1
+        counts = Counter(
+            thing.get("id", "") for _, things in _steps(output) for thing in things if thing.tag == "vehicle"
+        )
         ego = max(counts, key=lambda name: counts[name], default="")
     found: RoadUser | None = None
     others: list[RoadUser] = []

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...maths.arrays import Numbers
-from .pieces import SOIL_M, Tables, box_places_m, ground, soil_tiles
+from .pieces import SOIL_M, Tables, box_places_m, ground, rounded, soil_tiles
 
 PLACES_M = 2.0
 """Accuracy bought: distance of the places on roads that a relief is fitted to."""
@@ -145,9 +145,8 @@ class Terrain:
         for number, tile_m in enumerate(self.tiles_m):
             i, j = np.round((tile_m - 0.5 * SOIL_M - self.corner_m) / STEP_M).astype(int)
             heights_m = self.nodes_m[i : i + cells + 1, j : j + cells + 1]
-            rows = [[round(height_m, 2) + 0.0 for height_m in row] for row in heights_m.tolist()]
             keys = {"position_m": [*tile_m.tolist(), 0.0], "spacing_m": STEP_M, "size_m": [SOIL_M, SOIL_M]}
-            bodies.append(ground(f"soil_{number}", "terrain", "soil", **keys, heights_m=rows))
+            bodies.append(ground(f"soil_{number}", "terrain", "soil", **keys, heights_m=rounded(heights_m, 2)))
         return bodies
 
 
@@ -162,26 +161,23 @@ def _stretched(nodes_m: Numbers, held: Numbers, is_soil: Numbers) -> Numbers:
     from scipy.sparse import coo_matrix
     from scipy.sparse.linalg import spsolve
 
-    free = is_soil & ~held
-    number = np.full(nodes_m.shape, -1)
+    free = np.pad(is_soil & ~held, 1)
+    number = np.full(free.shape, -1)
     number[free] = np.arange(free.sum())
+    there, heights_m = np.pad(is_soil, 1), np.pad(nodes_m, 1)
     rows, columns, values, right = [], [], [], np.zeros(free.sum())
     for axis in (0, 1):
         for step in (-1, 1):
-            i, j = np.nonzero(free)
-            k, m = (i + step, j) if axis == 0 else (i, j + step)
-            there = (k >= 0) & (m >= 0) & (k < nodes_m.shape[0]) & (m < nodes_m.shape[1])
-            i, j, k, m = i[there], j[there], k[there], m[there]
-            there = is_soil[k, m]
-            here, other = number[i, j][there], number[k, m][there]
-            is_free = other >= 0
-            rows += [here, here[is_free]]
-            columns += [here, other[is_free]]
-            values += [np.ones(len(here)), np.full(is_free.sum(), -1.0)]
-            np.add.at(right, here[~is_free], nodes_m[k, m][there][~is_free])
+            beside, soil, height_m = (np.roll(each, -step, axis)[free] for each in (number, there, heights_m))
+            here = np.arange(len(right))
+            is_free = beside >= 0
+            rows += [here[soil], here[is_free]]
+            columns += [here[soil], beside[is_free]]
+            values += [np.ones(soil.sum()), np.full(is_free.sum(), -1.0)]
+            right += np.where(soil & ~is_free, height_m, 0.0)
     if not len(right):
         return nodes_m
     entries = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
     matrix = coo_matrix(entries, shape=(len(right), len(right))).tocsc()
-    nodes_m[free] = spsolve(matrix, right, permc_spec="MMD_AT_PLUS_A")
+    nodes_m[free[1:-1, 1:-1]] = spsolve(matrix, right, permc_spec="MMD_AT_PLUS_A")
     return nodes_m

@@ -64,6 +64,10 @@ class Track:
     y_m: Numbers
     yaw_deg: Numbers
 
+    def at(self, rows: Numbers | slice) -> Track:
+        """The track at some of its times."""
+        return Track(self.name, self.time_s[rows], self.x_m[rows], self.y_m[rows], self.yaw_deg[rows])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Traffic:
@@ -318,8 +322,7 @@ def _crossing_times(layout: Layout) -> tuple[float, float]:
 
 def _thin(track: Track) -> Track:
     """Return a track with a pose every `POSE_STEPS` steps, its last one included."""
-    rows = np.unique(np.append(np.arange(0, len(track.time_s), POSE_STEPS), len(track.time_s) - 1))
-    return Track(track.name, track.time_s[rows], track.x_m[rows], track.y_m[rows], track.yaw_deg[rows])
+    return track.at(np.unique(np.append(np.arange(0, len(track.time_s), POSE_STEPS), len(track.time_s) - 1)))
 
 
 def _shown(layout: Layout, track: Track, ego_x_m: Numbers) -> list[Track]:
@@ -329,8 +332,7 @@ def _shown(layout: Layout, track: Track, ego_x_m: Numbers) -> list[Track]:
     rows = np.flatnonzero(np.abs(track.x_m - ego_x_m) <= layout.file.shown_m)
     if len(rows) < 2:
         return []
-    part = slice(rows[0], rows[-1] + 1)
-    return [_thin(Track(track.name, *(each[part] for each in (track.time_s, track.x_m, track.y_m, track.yaw_deg))))]
+    return [_thin(track.at(slice(rows[0], rows[-1] + 1)))]
 
 
 def _vehicle_tracks(layout: Layout, lane: _Lane, time_s: Numbers, ego_x_m: Numbers, *, skip: int | None) -> list[Track]:
