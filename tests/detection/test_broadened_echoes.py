@@ -103,7 +103,7 @@ def test_probabilities_of_studies_are_the_rendered_ones() -> None:
 
 
 def test_a_matched_filter_keeps_long_echoes_as_studies_say() -> None:
-    """To 4 sigma of 4,000 pulses. Rationale: studies left out that it passes them better, and told 0.08 for 0.44."""
+    """Shares to 4 sigma. Rationale: studies left out that it passes them better, and told 0.08 for 0.44."""
     sensor = chain.sensor("table1-apd", *BEAM, "laser.slope_broadening=true", "tdc.timing='matched_filter'")
     target = Target(cos_incidence=0.03, reflectivity=0.5)
     kept = float(np.mean(on_a_slope(sensor, target, 60.0).stops[0].reported))

@@ -12,7 +12,7 @@ import numpy as np
 from ...maths.arrays import Numbers, map_arrays
 from ...maths.special import SIGMA_PER_MAD
 from .estimates import Solution, huber_weight
-from .tuning import CURVE_HUBER, MOST_STEPS, ROUNDS, SAME_MINIMUM, UNKNOWN_SIGMA
+from .tuning import CURVE_HUBER, FIRST_MISFIT, MOST_STEPS, ROUNDS, SAME_MINIMUM, UNKNOWN_SIGMA
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -89,7 +89,6 @@ def solve(
     *,
     step: float,
     prior: Numbers | None = None,
-    first_misfit: float = 0.0,
     error: Callable[[Numbers], Numbers | float] = lambda _: 0.0,
 ) -> Solution:
     """Fit parameters to statistics; bins that no law meets count less (Huber's weight).
@@ -104,7 +103,6 @@ def solve(
         step: of the central differences that are the slopes. They are taken at the nearest node of a lattice of such
             steps, so that places near each other share their statistics
         prior: (2, p) expected parameters, and their standard deviations; None: nothing is expected
-        first_misfit: standard deviation that the law is taken to miss before a residual is known
         error: (k,) standard deviation of what is predicted at (p,) parameters
     """
     from scipy.optimize import least_squares
@@ -133,7 +131,8 @@ def solve(
         return np.vstack([rises.T * root[:, None], np.diag(1.0 / width)])
 
     rules: dict[str, Any] = {"x_scale": "jac", "max_nfev": MOST_STEPS, "xtol": 1e-5, "ftol": 1e-4}
-    sigma, misfit, weight = spread(places[0]), np.full_like(recorded.value, first_misfit), np.ones_like(recorded.value)
+    sigma, weight = spread(places[0]), np.ones_like(recorded.value)
+    misfit = np.full_like(recorded.value, 0.0 if prior is None else FIRST_MISFIT)
     for number in range(ROUNDS):  # misfit and weights follow from the residuals, which follow from the weights
         root, ends = np.sqrt(weight) / np.hypot(sigma, misfit), []
         for place in places:

@@ -14,7 +14,7 @@ import math
 import operator
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import partial
 
 import numpy as np
 
@@ -30,7 +30,6 @@ from .recorded_pulses import RecordedPulses
 from .tuning import (
     CURVE_STEP,
     FAR_RATIO,
-    FIRST_MISFIT,
     LEAST_GAIN,
     LEAST_MISFIT,
     LEAST_REFLECTIVITY,
@@ -231,9 +230,9 @@ def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> Near
     start = np.array([plateau, knee, math.log(0.35)])[:parameters]
     bounds = np.array([(y.min() - 2.0, y.max() + 2.0), knee_bounds, np.log(SPOT_BOUNDS)])[:parameters].T
 
-    def near_field(curve: Curve | None, start: Numbers, bounds: Numbers, prior: Numbers | None = None) -> NearField:
-        rules: dict[str, Any] = {"step": CURVE_STEP, "prior": prior, "first_misfit": FIRST_MISFIT}
-        solved = solve(binned, lambda places: _laws(curve, places, x), start, bounds, **rules)
+    def near_field(curve: Curve | None, start: Numbers, bounds: Numbers, prior: Numbers) -> NearField:
+        law = partial(_laws, curve, x=x)
+        solved = solve(binned, law, start, bounds, step=CURVE_STEP, prior=prior)
         return NearField(
             range_m=np.exp(x),
             white_m2=np.exp(y),
@@ -244,7 +243,7 @@ def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> Near
             check_white_m2=np.exp(check[1].value),
         )
 
-    stretched = near_field(sensor_curve, start, bounds)
+    stretched = near_field(sensor_curve, start, bounds, np.stack([start, np.full_like(start, np.inf)]))
     if sensor is None or sensor_curve is None or stretched.misfit < LEAST_MISFIT:
         return stretched
     lens_curve, lens_bounds = LensCurve(sensor), np.array(LENS_BOUNDS).T

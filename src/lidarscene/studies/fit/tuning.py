@@ -14,6 +14,10 @@ CURVE_HUBER = 1.5
 MOST_STEPS = 20
 """Accuracy bought: most steps of the solver; fits of five numbers take up to 10, and 4 ended before."""
 
+FIRST_MISFIT = 0.05
+"""Choice: misfit of a law with expected numbers that the solver begins with: with none, it at once left the lenses of
+the file."""
+
 ROUNDS = 4
 """Accuracy bought: solutions one after the other; the last one changes by less than a tenth of its sigma."""
 
@@ -64,9 +68,6 @@ more."""
 
 LENS_RATIOS = np.geomspace(0.02, 50.0, 80)
 """Accuracy bought: ranges over R0 at which the overlap of free lenses is integrated: the curve between is smooth."""
-
-FIRST_MISFIT = 0.05
-"""Choice: misfit of the curve that the solver begins with: with none, it at once left what the file says of lenses."""
 
 CURVE_STEP = 1e-3
 """Accuracy bought: step of the differences that are the slopes of the curve: it is smooth."""
