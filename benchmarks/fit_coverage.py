@@ -4,7 +4,8 @@
 
 First without a scene: laws are drawn by tests/helpers/drawn_recordings.py, forgotten, and fitted, also the near field
 of two lenses. Then with a known one: tests/helpers/drawn_scenes.py renders it by the stages of `render`. Then one unit
-in a street, ray by ray, and a Pandar64 at rest between walls, four turns a recording (RESULTS.md has the results).
+in a street, ray by ray, and a Pandar64 at rest between walls, four turns a recording, with the light of its file, 0.3
+and 3 times as much (RESULTS.md has the results).
 """
 
 import math
@@ -32,9 +33,10 @@ from lidarscene.studies.fit.near_field import fit_near_field
 from lidarscene.studies.fit.on_scene.known_scene import KnownScene, Observations, predict
 from lidarscene.studies.fit.on_scene.likelihood import fit_parameters
 from lidarscene.studies.fit.pixels_at_rest import pixels_at_rest
+from lidarscene.studies.fit.published_fit import POWER
 from lidarscene.studies.fit.recorded_pulses import gather_pulses
 from lidarscene.studies.fit.recording_fit import fit_pulses
-from lidarscene.studies.fit.sensor_text import Changes, at_rest_changes, parse_sensor, put_changes
+from lidarscene.studies.fit.sensor_text import Changes, at_rest_changes, get_key, parse_sensor, put_changes
 from lidarscene.studies.ranging.plane import Target, detection_margin
 from lidarscene.studies.twin.sensor_grid import on_grid
 from lidarscene.studies.twin.tuning import ASSUMED_KLUX
@@ -132,14 +134,20 @@ def with_street() -> None:
     print(f"{len(range_m)} pulses, {fit.solved.evaluations} evaluations")
 
 
-def at_rest(seeds: int) -> None:
+def at_rest(seeds: int, light: float) -> None:
     """Fit a unit with columns of 450 that differs from the catalogue's in five numbers, which are forgotten.
 
     Prints in the units of the keys: truth, mean and scatter of the estimates, and the mean of their sigmas.
+
+    Args:
+        light: power of the unit over the file's
     """
     changed: Changes = {"scanner.columns_per_turn": (450, ""), "laser.repetition_rate_khz": (288.0, "")}
     base = put_changes(sensor_path("pandar64").read_text("utf-8"), changed)
-    unit = put_changes(base, at_rest_changes({key: (value, "") for key, value in AT_REST.items()}))
+    power_w = light * float(get_key(base, POWER))
+    unit = put_changes(
+        base, at_rest_changes({POWER: (power_w, "")} | {key: (value, "") for key, value in AT_REST.items()})
+    )
     with tempfile.TemporaryDirectory() as folder:
         Path(folder, "unit.toml").write_text(unit, "utf-8")
         Path(folder, "scene.toml").write_text(walls(), "utf-8")
@@ -186,4 +194,5 @@ if __name__ == "__main__":
     with_two_lenses(count)
     with_scene(count)
     with_street()
-    at_rest(count)
+    for light in (1.0, 0.3, 3.0):
+        at_rest(count, light)

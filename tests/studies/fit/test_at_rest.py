@@ -18,11 +18,10 @@ from lidarscene.physics.photon_counting import shared_shots
 from lidarscene.recordings.recording import Recording
 from lidarscene.recordings.sweep import Sweep
 from lidarscene.sensor.sensor_model import Sensor
-from lidarscene.studies.fit import at_rest, recording_fit
+from lidarscene.studies.fit import at_rest, binned_fit, recording_fit
 from lidarscene.studies.fit.at_rest import (
     LIGHT,
     Boards,
-    Statistics,
     _converter_law,
     _determined,
     _energy,
@@ -31,8 +30,8 @@ from lidarscene.studies.fit.at_rest import (
     board,
     checks_at_rest,
     fit_at_rest,
-    solve,
 )
+from lidarscene.studies.fit.binned_fit import Statistics
 from lidarscene.studies.fit.estimates import Solution
 from lidarscene.studies.fit.pixels_at_rest import PixelsAtRest, pixels_at_rest
 from lidarscene.studies.fit.recorded_pulses import BLOCK_COLUMNS
@@ -158,54 +157,6 @@ def test_the_intervals_of_floor_and_noise_hold_the_truth() -> None:
     assert inside >= 33
 
 
-def test_shares_weigh_by_their_law() -> None:
-    """Thirty bins that lose two pulses each of 500; of means of 20 draws one in 700 is beyond 3.2 sigma over root 20.
-
-    Rationale: by the recorded share a bin that lost fewer by chance weighed more, and the chatter came out 3 % low.
-    """
-    rng, lost = np.random.default_rng(), 0.004
-    far = []
-    for _ in SEEDS:
-        kept = 1.0 - rng.binomial(500, lost, 30) / 500
-        blocks = Statistics.of([np.full(2, share) for share in kept], [np.arange(2)] * 30, np.arange(2))
-        recorded = replace(blocks, sigma=np.zeros(30), trials=np.full(30, 500.0))
-        solved = solve(
-            recorded, lambda logs: np.full(30, 1.0 - np.exp(logs[0])), np.log([0.01]), np.log([[1e-5], [0.5]])
-        )
-        far.append((solved.value[0] - np.log(lost)) * np.sqrt(solved.slope[0, 0]))
-    assert abs(np.mean(far)) < 3.2 / np.sqrt(len(far))
-
-
-def test_a_law_is_asked_once_at_each_place() -> None:
-    """Rationale: half of the time of a fit went to places that the solver had been at."""
-    places: list[tuple[float, ...]] = []
-    x = np.linspace(0.0, 1.0, 30)
-
-    def line(logs: Numbers) -> Numbers:
-        places.append(tuple(logs))
-        return np.asarray(logs[0] + logs[1] * x)
-
-    recorded = Statistics.of(list(line(np.array([0.2, 0.7]))[:, None] + [-0.1, 0.1]), [np.arange(2)] * 30, np.arange(2))
-    places.clear()
-    solved = solve(recorded, line, np.zeros(2), np.array([[-9.0] * 2, [9.0] * 2]))
-    np.testing.assert_allclose(solved.value, [0.2, 0.7], atol=1e-6)
-    assert len(set(places)) == len(places)
-
-
-def test_of_several_starts_the_best_counts() -> None:
-    """The deeper of two minima is found; rationale: units of 3 times the light were told as 0.7 +/- 0.1."""
-
-    def two_valleys(logs: Numbers) -> Numbers:
-        return np.repeat([logs[0] ** 2 - 1.0, 0.2 * logs[0]], 15)
-
-    values = two_valleys(np.ones(1))[:, None] + [-0.01, 0.01]
-    recorded, bounds = Statistics.of(list(values), [np.arange(2)] * 30, np.arange(2)), np.array([[-3.0], [3.0]])
-    assert solve(recorded, two_valleys, np.array([-1.2]), bounds).value[0] < 0.0
-    solved = solve(recorded, two_valleys, np.array([[-1.2], [1.2]]), bounds)
-    assert solved.value[0] == pytest.approx(1.0, abs=1e-3)
-    assert not solved.at_limit
-
-
 def columns_at_rest(seed: int, sigmas: float) -> PixelsAtRest:
     """Ranges of an Ouster that scatter by 130 mm over the root of the photons, more where surfaces lean (T176a)."""
     rng = np.random.default_rng(seed)
@@ -272,9 +223,9 @@ def test_without_a_beam_that_the_file_refuses_the_rest_is_fitted(monkeypatch: py
     boards = Boards.of(read_by(sensor, pixels(3, number=2000), 3), sensor)
 
     def try_the_least(
-        _: Statistics, predict: Callable[[Numbers], Numbers], start: Numbers, bounds: Numbers
+        _: Statistics, predict: Callable[[Numbers], Numbers], start: Numbers, bounds: Numbers, **__: object
     ) -> Solution:
-        predict(bounds[0])
+        predict(bounds[:1])
         return Solution(value=start[0], slope=np.eye(len(start[0])), scores=np.zeros((2, len(start[0]))))
 
     monkeypatch.setattr(at_rest, "solve", try_the_least)
@@ -410,7 +361,7 @@ def test_an_assumed_scale_and_a_fit_at_its_limit_are_told(
     fitted: Callable[[list[Sweep]], tuple[str, Report]], turns: tuple[str, list[Sweep]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Rationale: fits of five numbers ended after 4 steps, and nothing said so."""
-    monkeypatch.setattr(at_rest, "MOST_STEPS", 1)
+    monkeypatch.setattr(binned_fit, "MOST_STEPS", 1)
     _, report = fitted([replace(sweep, metadata={"format": "pcd"}) for sweep in turns[1]])
     assert SCALE_NOTE in report.numbers["notes"]
     assert "The fit of ranges at rest stopped at its largest number of steps" in report.summary

@@ -21,28 +21,26 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
 
 from ...errors import InputError
-from ...maths.arrays import Numbers, map_arrays
+from ...maths.arrays import Numbers
 from ...sensor.sensor_model import Sensor
 from ..held import LIMITS, Held
 from ..ranging.plane import Target, detection_margin, detection_probability, echoes_of_plane, fluctuation_variance
 from ..twin.judge import CLIPPED_DEVIATION, spread
 from ..twin.reading_noise import noise_by_step, pointing_noise_m, read_boards
 from ..twin.repeats import changes_m, held_share, kept_by_bin
-from ..twin.tuning import ASSUMED_KLUX, CLIP_SIGMAS, OCTAVES_M
-from .estimates import Estimate, Solution, huber_weight
+from ..twin.tuning import ASSUMED_KLUX, CLIP_SIGMAS, OCTAVES_M, SAME_SURFACE_M
+from .binned_fit import Statistics, solve
+from .estimates import Estimate, Solution
 from .near_field import LEAST_BINS
 from .pixels_at_rest import PixelsAtRest
 from .published_fit import POWER
 from .scatter import is_strong
 from .sensor_text import at_rest_changes, get_key, parse_sensor, put_changes
 from .tuning import (
-    BOARD_ERROR,
-    CURVE_HUBER,
     LEAST_BROADENING,
     LEAST_LEAN_M,
     LEAST_OF_BIN,
@@ -54,10 +52,10 @@ from .tuning import (
     LIGHT_STARTS,
     LOG_STEP,
     MOST_KEPT,
-    MOST_STEPS,
     PIXELS_OF_BIN,
     READINGS,
     REST_BOUNDS,
+    ROUNDING,
 )
 
 ENERGY, COLUMNS = "laser.energy_spread", "histogram.column_range_sigmas"
@@ -80,130 +78,6 @@ UNITS = {ENERGY: "", COLUMNS: "", FLOOR: "mm", SLOPE: "mm/m2", LIGHT: "times"} |
 
 Law = tuple[Sequence[str], Solution | None, dict[str, str]]
 """Parameters, their solution if any, and why those that are missing are."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Statistics:
-    """k numbers of bins of pixels.
-
-    Attributes:
-        value: (k,) as recorded
-        sigma: (k,) standard deviation of what is recorded
-        parts: (blocks, k) what each block adds to ``value``, less its mean
-        share: (blocks, k) share of the pixels that are of the block
-        kind: (k,) number of their kind; what a law misses is of one size in each
-        trials: (k,) number of pulses of which a share was kept; infinite of other values
-    """
-
-    value: Numbers
-    sigma: Numbers
-    parts: Numbers
-    share: Numbers
-    kind: Numbers
-    trials: Numbers
-
-    @classmethod
-    def of(cls, values: Sequence[Numbers], members: Sequence[Numbers], block: Numbers) -> Statistics:
-        """Means of what is known of the pixels' values in each bin; NaN where nothing is.
-
-        Args:
-            values: (n,) of each bin
-            members: (n,) of each bin, indices of its pixels
-            block: block of every pixel
-        """
-        number, known = int(block.max()) + 1, [np.isfinite(bin_values) for bin_values in values]
-        values = [bin_values[mask] for bin_values, mask in zip(values, known, strict=True)]
-        blocks = [block[chosen[mask]] for chosen, mask in zip(members, known, strict=True)]
-        counts = np.array([len(bin_values) for bin_values in values])
-        sums = np.stack([np.bincount(*pair, number) for pair in zip(blocks, values, strict=True)], axis=1)
-        with np.errstate(invalid="ignore"):
-            mean = sums.sum(axis=0) / counts
-            share = np.stack([np.bincount(of_bin, minlength=number) for of_bin in blocks], axis=1) / counts
-            squares = [np.sum((bin_values - middle) ** 2) for bin_values, middle in zip(values, mean, strict=True)]
-            sigma, parts = np.sqrt(squares) / counts, sums / counts - share * mean
-        return cls(value=mean, sigma=sigma, parts=parts, share=share, kind=0 * counts, trials=counts + np.inf)
-
-    def logarithm(self) -> Statistics:
-        """Statistics of the logarithms."""
-        return replace(self, value=np.log(self.value), sigma=self.sigma / self.value, parts=self.parts / self.value)
-
-    def spread(self, law: Numbers) -> Numbers:
-        """(k,) standard deviation about a law; of shares by its own chance.
-
-        By the recorded share, bins that lost fewer pulses by chance would weigh more than those that lost more.
-        """
-        kept = np.clip(law, 0.0, 1.0)
-        return np.sqrt(self.sigma**2 + (kept * (1.0 - kept) + 1.0 / self.trials) / self.trials)
-
-    @staticmethod
-    def join(parts: Sequence[Statistics]) -> Statistics:
-        """Statistics of several kinds side by side."""
-        numbered = [replace(part, kind=part.kind + number) for number, part in enumerate(parts)]
-        return map_arrays(lambda *values: np.concatenate(values, axis=-1), *numbered)
-
-
-def solve(recorded: Statistics, predict: Callable[[Numbers], Numbers], start: Numbers, bounds: Numbers) -> Solution:
-    """Fit the logarithms of parameters to statistics; bins that no law meets count less (Huber's weight).
-
-    What the law misses beyond the noise of the bins is a scatter of all of their kind.
-
-    Args:
-        predict: (k,) statistics of the (p,) logarithms
-        start: (p,) logarithms, or (s, p) of several starts, of which the one that ends at the least cost counts
-        bounds: (2, p) of the logarithms
-    """
-    from scipy.optimize import least_squares
-
-    misfit, weight = np.zeros_like(recorded.value), np.ones_like(recorded.value)
-
-    @cache  # solver, slopes and weights ask for the same places
-    def law(*logs: float) -> Numbers:
-        return predict(np.array(logs))
-
-    def slopes(logs: Numbers) -> Numbers:
-        above, below = (np.clip(logs + step * np.eye(len(logs)), *bounds) for step in (LOG_STEP, -LOG_STEP))
-        rises = [law(*high) - law(*low) for high, low in zip(above, below, strict=True)]
-        return np.stack(rises, axis=1) / np.diag(above - below)
-
-    places, evaluations = np.atleast_2d(start), 0
-    apart = np.zeros((places.shape[1], places.shape[1]))
-    sigma = recorded.spread(law(*places[0]))
-    for _ in range(3):
-        root = np.sqrt(weight) / np.hypot(sigma, misfit)
-        tried = [
-            least_squares(
-                lambda logs, root=root: (law(*logs) - recorded.value) * root,
-                place,
-                jac=lambda logs, root=root: slopes(logs) * root[:, None],
-                bounds=bounds,
-                max_nfev=MOST_STEPS,
-                xtol=1e-3,
-                ftol=1e-4,
-            )
-            for place in places
-        ]
-        found = min(tried, key=lambda end: float(end.cost))
-        for end in tried:  # as good, to two sigma: what they differ by is not known
-            if end.cost < found.cost + 2.0:
-                apart += np.outer(end.x - found.x, end.x - found.x)
-        value, places = found.x, found.x[None]
-        evaluations += sum(end.nfev + 2 * end.njev * len(end.x) for end in tried)
-        residual, sigma = recorded.value - law(*value), recorded.spread(law(*value))
-        for kind in np.unique(recorded.kind):
-            alike = recorded.kind == kind
-            misfit[alike] = math.sqrt(max(float(np.mean(residual[alike] ** 2 - sigma[alike] ** 2)), 0.0))
-        weight = huber_weight(residual, np.hypot(sigma, misfit), CURVE_HUBER)
-    root = np.sqrt(weight) / np.hypot(sigma, misfit)
-    jacobian = slopes(value) * root[:, None]
-    scores = ((recorded.parts + recorded.share * residual) * root) @ jacobian
-    return Solution(
-        value=value,
-        slope=jacobian.T @ jacobian,
-        scores=scores,
-        evaluations=evaluations,
-        held_covariance=apart,
-        at_limit=found.status == 0,
-    )
 
 
 def pixel_squares(changes: Numbers) -> Numbers:
@@ -289,6 +163,18 @@ class Boards:
         share = detection_probability(sensor, board(drawn), drawn.mean_m)
         members = np.split(np.arange(len(share)), np.cumsum([len(chosen) for chosen in self.drawn])[:-1])
         return Statistics.join(_of_bins(range_m, share, members, drawn.block))
+
+    def error(self, sensor: Sensor) -> Numbers:
+        """(k,) standard deviation of what is simulated: by so few readings, and by strengths that are whole numbers."""
+        pixels, sigma = self.pixels, np.nan_to_num(self.simulated(sensor).sigma)
+        if pixels.strength is None:
+            return sigma
+        off = ROUNDING / np.maximum(np.nanmean(pixels.strength, axis=0), 1.0)
+        low, high = (
+            replace(self, pixels=replace(pixels, apparent=pixels.apparent * (1.0 + sign * off))).simulated(sensor).value
+            for sign in (-1.0, 1.0)
+        )
+        return np.asarray(np.hypot(sigma, np.nan_to_num(0.5 * (high - low))))
 
 
 def _of_bins(
@@ -383,18 +269,26 @@ def _floor_and_noise(pixels: PixelsAtRest) -> Law:
         reason = "no strengths are recorded" if level.strength is None else "every surface leans"
         return (), None, dict.fromkeys((FLOOR, SLOPE), reason)
     weakness = level.mean_m**2 / np.maximum(np.nanmean(level.strength, axis=0), LEAST_OF_STRENGTH)
-    members, recorded = _binned(level, 2.0 * np.log2(weakness)[None], 1e3 * changes_m(level.range_m))
+    # Of changes as large as the step to another surface the larger ones are cut off.
+    most_mm = 1e3 * SAME_SURFACE_M / math.sqrt(2.0) / CLIP_SIGMAS
+    members, recorded = _binned(level, 2.0 * np.log2(weakness)[None], 1e3 * changes_m(level.range_m), most_mm)
     return _sum_of_terms(
         (FLOOR, SLOPE), np.array([2.0, 2.0]), np.stack([np.ones_like(weakness), weakness**2]), members, recorded
     )
 
 
-def _binned(pixels: PixelsAtRest, keys: Numbers, changes: Numbers) -> tuple[list[Numbers], Statistics | None]:
-    """Pixels of like whole (keys, n) numbers, and the logarithms of the mean squares of their changes."""
+def _binned(
+    pixels: PixelsAtRest, keys: Numbers, changes: Numbers, most: float = math.inf
+) -> tuple[list[Numbers], Statistics | None]:
+    """Pixels of like whole (keys, n) numbers, and the logarithms of the mean squares of their changes, below the most.
+
+    Args:
+        most: largest deviation of the changes of a bin
+    """
     members, values = [], []
     for chosen, squares in bins_of_pixels(keys, changes):
         known = np.isfinite(squares)
-        if squares[known].any():
+        if 0.0 < squares[known].mean() < most**2:
             members.append(chosen[known])
             values.append(squares[known])
     if len(members) < LEAST_BINS:
@@ -417,7 +311,9 @@ def _sum_of_terms(
     level = float(np.exp(np.median(recorded.value)))
     start = np.log(level / len(names) / np.median(law, axis=0)) / power
     bounds = start + np.log([[1e-6], [1e3]]) / power
-    solved = solve(recorded, lambda logs: np.asarray(np.log(law @ np.exp(power * logs))), start, bounds)
+    solved = solve(
+        recorded, lambda logs: np.asarray(np.log(np.exp(power * logs) @ law.T)), start, bounds, step=LOG_STEP
+    )
     return _determined(names, solved, bounds)
 
 
@@ -441,13 +337,14 @@ def _columns(pixels: PixelsAtRest, text: str, where: str) -> Law:
         return (), None, {COLUMNS: "too few smooth surfaces of different lean"}
     steps = [np.sort(step_mm[strong][chosen]) for chosen in members]
 
-    def law(logs: Numbers) -> Numbers:
-        ratios = [noise_by_step(histogram, of_bin / np.exp(logs[0] + logs[1])) for of_bin in steps]
-        return np.array([2.0 * logs[0] + np.log(np.mean(ratio**2)) for ratio in ratios])
+    def law(places: Numbers) -> Numbers:
+        reach_mm = np.exp(places.sum(axis=1))
+        squares = [[np.mean(noise_by_step(histogram, of_bin / reach) ** 2) for of_bin in steps] for reach in reach_mm]
+        return np.asarray(2.0 * places[:, :1] + np.log(squares))
 
     first = np.array([0.5 * float(np.min(recorded.value)), math.log(start)])
     bounds = np.array([first[0] + np.array([-3.0, 3.0]), np.log(REST_BOUNDS[COLUMNS])]).T
-    return _determined(("scatter_c at rest", COLUMNS), solve(recorded, law, first, bounds), bounds)
+    return _determined(("scatter_c at rest", COLUMNS), solve(recorded, law, first, bounds, step=LOG_STEP), bounds)
 
 
 def _converter(pixels: PixelsAtRest, text: str, where: str) -> Law:
@@ -502,17 +399,21 @@ def _converter_law(boards: Boards, recorded: Statistics, keys: Sequence[str], te
     tried = REST_BOUNDS | {LIGHT: LIGHT_BOUNDS}
     start = np.log([get_key(text, key) or math.sqrt(math.prod(tried[key])) for key in keys])
     bounds = np.log([tried[key] for key in keys]).T
-    unlike = np.where(recorded.kind == 0, BOARD_ERROR, 0.0)
 
-    def predict(logs: Numbers) -> Numbers:
-        simulated = boards.simulated(sensor_of(logs)).value
+    def predict(places: Numbers) -> Numbers:
+        simulated = np.stack([boards.simulated(sensor_of(logs)).value for logs in places])
         return np.where(np.isfinite(simulated), simulated, recorded.value)
 
     try:
-        error = np.nan_to_num(boards.simulated(sensor_of(start)).sigma)
-        uncertain = replace(recorded, sigma=np.sqrt(recorded.sigma**2 + error**2 + unlike**2))
         starts = np.where(np.array(keys) == LIGHT, np.log(LIGHT_STARTS)[:, None], start)
-        solved = solve(uncertain, predict, np.clip(starts, *bounds), bounds)
+        solved = solve(
+            recorded,
+            predict,
+            np.clip(starts, *bounds),
+            bounds,
+            step=LOG_STEP,
+            error=lambda logs: boards.error(sensor_of(logs)),
+        )
         in_common = np.diag(np.where(np.array(keys) == LIGHT, LIGHT_ERROR**2, 0.0))
         apart = 0.0 if solved.held_covariance is None else solved.held_covariance
         solved = replace(solved, held_covariance=in_common + apart)

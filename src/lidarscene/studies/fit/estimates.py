@@ -20,7 +20,7 @@ DRAWS = 400
 """Draws of the bootstrap: a sigma from n draws scatters by 1 / sqrt(2 n), here 3.5 %."""
 
 MOST_EVALUATIONS = 50
-"""Largest number of evaluations of a law or likelihood by its solver."""
+"""Largest number of evaluations of a likelihood by its solver."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

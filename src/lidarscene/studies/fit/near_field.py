@@ -14,19 +14,21 @@ import math
 import operator
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from ...maths.arrays import Lanes, Numbers
-from ...maths.special import SIGMA_PER_MAD, expm1
+from ...maths.special import expm1
 from ...physics.optics import receiver
 from ...sensor.overlap import Alignment
 from ...sensor.sensor_model import Sensor
-from .estimates import MOST_EVALUATIONS, Estimate, Solution, huber_weight
+from .binned_fit import Statistics, misfit_beyond, solve
+from .estimates import Estimate, Solution
 from .products import near_field_m, white_over_range_m2
 from .recorded_pulses import RecordedPulses
 from .tuning import (
-    CURVE_HUBER,
+    CURVE_STEP,
     FAR_RATIO,
     LEAST_GAIN,
     LEAST_MISFIT,
@@ -36,7 +38,6 @@ from .tuning import (
     LENS_BOUNDS,
     LENS_RATIOS,
     LENS_SIGMAS,
-    LENS_STEP,
     LOG_RANGE_STEP,
     LONGEST_STRETCH,
     MOST_REFLECTIVITY,
@@ -67,7 +68,6 @@ class NearField:
         range_m: (n,) mean range of each bin
         white_m2: (n,) K share(R) of each bin
         sigma: (n,) standard deviation of ln white_m2
-        misfit: standard deviation of ln white_m2 that the law leaves unexplained
         sensor_curve: curve of the sensor's own optics; None: law of one lens
         solved: solution: ln K, ln R0; for one lens also ln of the spot's radius over the field's, for free lenses the
             `LENSES`
@@ -78,7 +78,6 @@ class NearField:
     range_m: Numbers
     white_m2: Numbers
     sigma: Numbers
-    misfit: float
     sensor_curve: Curve | None
     solved: Solution
     check_range_m: Numbers
@@ -86,7 +85,12 @@ class NearField:
 
     def law(self, range_m: Numbers) -> Numbers:
         """Evaluate the fitted white_m2 at these ranges."""
-        return np.asarray(np.exp(_law(self.sensor_curve, self.solved.value, np.log(range_m))))
+        return np.asarray(np.exp(_laws(self.sensor_curve, self.solved.value[None], np.log(range_m))[0]))
+
+    @property
+    def misfit(self) -> float:
+        """Standard deviation of ln white_m2 that the law leaves unexplained."""
+        return misfit_beyond(np.log(self.white_m2 / self.law(self.range_m)), self.sigma)
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -157,20 +161,16 @@ class LensCurve:
         alignment = self._geometry.alignment
         inverses = (self._r0_m / alignment.crossing_m, self._r0_m / alignment.focus_m)
         self.own = np.array([alignment.offset_m / self._aperture_m, *inverses, alignment.scattered], float)
-        self._tables: dict[tuple[float, ...], Numbers] = {}
 
-    def __call__(self, ratio: Numbers, *lenses: float) -> Numbers:
-        """Share of the light at these ranges over R0, relative to that at `FAR_RATIO`."""
-        self.prepare(np.array([lenses]))
-        return np.asarray(np.exp(np.interp(np.log(ratio), np.log(LENS_RATIOS), self._tables[lenses])))
+    def __call__(self, ratio: Numbers, *lenses: Numbers | float) -> Numbers:
+        """Share of the light relative to that at `FAR_RATIO`, (m, k); in one call, which takes the time of one lens.
 
-    def prepare(self, lenses: Numbers) -> None:
-        """Integrate the overlap for all (n, 4) lenses in one call, which takes nearly the same time as for one."""
-        new = np.array([row for row in lenses.tolist() if tuple(row) not in self._tables]).reshape(-1, len(LENSES))
-        if not len(new):
-            return
-        places = np.append(LENS_RATIOS, FAR_RATIO)
-        offset, crossing, focus, scattered = np.repeat(new, len(places), axis=0).T
+        Args:
+            ratio: (m, k) ranges over R0
+            lenses: (m, 1) of each of the `LENSES`
+        """
+        places, number = np.append(LENS_RATIOS, FAR_RATIO), np.size(lenses[0])
+        offset, crossing, focus, scattered = (np.repeat(lens, len(places)) for lens in lenses)
         with np.errstate(divide="ignore"):
             alignment = Alignment(
                 offset_m=offset * self._aperture_m,
@@ -178,10 +178,12 @@ class LensCurve:
                 focus_m=self._r0_m / focus,
                 scattered=scattered,
             )
-        shares = replace(self._geometry, alignment=alignment).share(self._r0_m * np.tile(places, len(new)))
-        shares = shares.reshape(len(new), len(places))
+        shares = replace(self._geometry, alignment=alignment).share(self._r0_m * np.tile(places, number))
+        shares = shares.reshape(number, len(places))
         tables = np.log(np.maximum(shares[:, :-1] / shares[:, -1:], LEAST_SHARE))
-        self._tables |= dict(zip(map(tuple, new.tolist()), tables, strict=True))
+        logs = np.log(np.reshape(ratio, (number, -1)))
+        curves = [np.interp(row, np.log(LENS_RATIOS), table) for row, table in zip(logs, tables, strict=True)]
+        return np.exp(curves).reshape(np.shape(ratio))
 
 
 def _spot(sensor: Sensor) -> float:
@@ -196,10 +198,12 @@ def _one_lens(sensor: Sensor) -> bool:
     return bool(np.abs(sensor_share / sensor_share[-1] * lens_share[-1] - lens_share).max() < SAME_LAW)
 
 
-def _law(sensor_curve: Curve | None, p: Numbers, x: Numbers) -> Numbers:
-    ratio = np.exp(x - p[1])
-    shares = share(ratio, np.exp(p[2])) if sensor_curve is None else sensor_curve(ratio, *p[2:])
-    return np.asarray(p[0] + np.log(shares))
+def _laws(sensor_curve: Curve | None, places: Numbers, x: Numbers) -> Numbers:
+    """(m, k) ln white_m2 of (m, p) parameters at (k,) ln R."""
+    ratio = np.exp(x - places[:, 1:2])
+    others = places.T[2:, :, None]
+    shares = share(ratio, np.exp(others[0])) if sensor_curve is None else sensor_curve(ratio, *others)
+    return np.asarray(places[:, :1] + np.log(shares))
 
 
 def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> NearField | None:
@@ -210,11 +214,10 @@ def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> Near
     """
     if pulses.signal is None or pulses.reflectivity is None:
         return None
-    binned = _bins(pulses.select_columns(pulses.fitted))
-    check = _bins(pulses.select_columns(~pulses.fitted))
-    if binned is None or check is None:
+    fitted, check = (_bins(pulses.select_columns(mask)) for mask in (pulses.fitted, ~pulses.fitted))
+    if fitted is None or check is None:
         return None
-    x, y = binned[:2]
+    (x, binned), y = fitted, fitted[1].value
     # Start: the plateau from the highest third of the bins, the knee where the share has fallen to one half.
     plateau = float(np.median(np.sort(y)[-max(len(y) // 3, 3) :]))
     sensor_curve = None if sensor is None else own_curve(sensor)
@@ -226,90 +229,32 @@ def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> Near
     parameters = 3 if sensor_curve is None else 2
     start = np.array([plateau, knee, math.log(0.35)])[:parameters]
     bounds = np.array([(y.min() - 2.0, y.max() + 2.0), knee_bounds, np.log(SPOT_BOUNDS)])[:parameters].T
-    near_field = _solve(binned, check, sensor_curve, start, bounds)
-    if sensor is None or sensor_curve is None or near_field.misfit < LEAST_MISFIT:
-        return near_field
-    curve, lens_bounds = LensCurve(sensor), np.array(LENS_BOUNDS).T
-    start = np.append(near_field.solved.value, np.clip(curve.own, *lens_bounds))
-    free = _solve(binned, check, curve, start, np.hstack([bounds, lens_bounds]))
-    return free if free.error < (1.0 - LEAST_GAIN) * near_field.error else near_field
 
-
-Bins = tuple[Numbers, Numbers, Numbers, Numbers, Numbers]
-"""What `_bins` returns."""
-
-
-def _solve(binned: Bins, check: Bins, sensor_curve: Curve | None, start: Numbers, bounds: Numbers) -> NearField:
-    """Fit a curve to the bins, from these parameters on and within (2, p) bounds.
-
-    Free lenses are expected within `LENS_SIGMAS` of the file's.
-    """
-    from scipy.optimize import least_squares
-
-    x, y, sigma, sums, counts = binned
-    parameters = len(start)
-    misfit, evaluations = 0.05, 0
-    weight = np.ones_like(y)
-    value, slope = start, np.zeros((len(y), len(start)))
-    for _ in range(4):  # the misfit and the weights follow from the residuals, which follow from the weights
-        root = np.sqrt(weight) / np.sqrt(sigma**2 + misfit**2)
-
-        def residuals(p: Numbers, root: Numbers = root) -> Numbers:
-            return np.append((y - _law(sensor_curve, p, x)) * root, _prior_residuals(sensor_curve, p))
-
-        solution = least_squares(
-            residuals,
-            value,
-            jac=_lens_slopes(sensor_curve, residuals) if isinstance(sensor_curve, LensCurve) else "2-point",
-            bounds=bounds,
-            x_scale="jac",
-            max_nfev=MOST_EVALUATIONS // (1 + parameters),
+    def near_field(curve: Curve | None, start: Numbers, bounds: Numbers, prior: Numbers) -> NearField:
+        law = partial(_laws, curve, x=x)
+        solved = solve(binned, law, start, bounds, step=CURVE_STEP, prior=prior)
+        return NearField(
+            range_m=np.exp(x),
+            white_m2=np.exp(y),
+            sigma=binned.sigma,
+            sensor_curve=curve,
+            solved=solved,
+            check_range_m=np.exp(check[0]),
+            check_white_m2=np.exp(check[1].value),
         )
-        value, slope = solution.x, solution.jac
-        evaluations = max(evaluations, solution.nfev + parameters * solution.njev)
-        residual = y - _law(sensor_curve, value, x)
-        # What of the scatter is beyond the bins' own noise is the misfit of the law.
-        excess = np.median(np.abs(residual)) * SIGMA_PER_MAD
-        misfit = math.sqrt(max(excess**2 - float(np.median(sigma)) ** 2, 1e-6**2))
-        weight = huber_weight(residual, np.hypot(sigma, misfit), CURVE_HUBER)
-    root = np.sqrt(weight) / np.sqrt(sigma**2 + misfit**2)
-    # Score of a block: its part of each bin's mean residual, times the slope of the law there.
-    block_residuals = np.divide(sums - counts * _law(sensor_curve, value, x), counts.sum(axis=0))
-    scores = (block_residuals * root) @ -slope[: len(x)]
-    solved = Solution(value=value, slope=slope.T @ slope, scores=scores, evaluations=evaluations)
-    return NearField(
-        range_m=np.exp(x),
-        white_m2=np.exp(y),
-        sigma=sigma,
-        misfit=misfit,
-        sensor_curve=sensor_curve,
-        solved=solved,
-        check_range_m=np.exp(check[0]),
-        check_white_m2=np.exp(check[1]),
-    )
+
+    stretched = near_field(sensor_curve, start, bounds, np.stack([start, np.full_like(start, np.inf)]))
+    if sensor is None or sensor_curve is None or stretched.misfit < LEAST_MISFIT:
+        return stretched
+    lens_curve, lens_bounds = LensCurve(sensor), np.array(LENS_BOUNDS).T
+    start = np.append(stretched.solved.value, np.clip(lens_curve.own, *lens_bounds))
+    prior = np.array([np.append(start[:2], lens_curve.own), (np.inf, np.inf, *LENS_SIGMAS)])
+    free = near_field(lens_curve, start, np.hstack([bounds, lens_bounds]), prior)
+    return free if free.error < (1.0 - LEAST_GAIN) * stretched.error else stretched
 
 
-def _prior_residuals(sensor_curve: Curve | None, value: Numbers) -> Numbers:
-    if not isinstance(sensor_curve, LensCurve):
-        return np.zeros(0)
-    return np.asarray((sensor_curve.own - value[2:]) / LENS_SIGMAS)
-
-
-def _lens_slopes(curve: LensCurve, residuals: Callable[[Numbers], Numbers]) -> Callable[[Numbers], Numbers]:
-    """Slopes of the residuals by forward differences, all overlaps of one place integrated together."""
-
-    def slopes(value: Numbers) -> Numbers:
-        steps = LENS_STEP * np.maximum(1.0, np.abs(value))
-        moved = value + np.diag(steps)
-        curve.prepare(np.vstack([value[2:], moved[:, 2:]]))
-        centre = residuals(value)
-        return np.stack([(residuals(row) - centre) / step for row, step in zip(moved, steps, strict=True)], axis=1)
-
-    return slopes
-
-
-def _bins(pulses: RecordedPulses) -> Bins | None:
-    """Bin pulses by ln R: (bins,) mean ln R, mean ln white_m2, its sigma; (blocks, bins) sums of it, and counts."""
+def _bins(pulses: RecordedPulses) -> tuple[Numbers, Statistics] | None:
+    """Bin pulses by ln R: (bins,) its mean, and the means of ln white_m2; None of too few."""
     from scipy import ndimage
 
     assert pulses.signal is not None
@@ -331,12 +276,9 @@ def _bins(pulses: RecordedPulses) -> Bins | None:
         return None
     # Move each pulse to the middle of its bin along the bin's regression line, so that its place adds no scatter.
     n = np.bincount(bin_index)
-    middle_x, middle_y = (np.bincount(bin_index, values) / n for values in (x, y))
+    middle_x = np.bincount(bin_index, x) / n
     offset = x - middle_x[bin_index]
     rise = np.bincount(bin_index, offset * y) / np.maximum(np.bincount(bin_index, offset * offset), 1e-12)
     y = y - rise[bin_index] * offset
-    spread = np.sqrt(np.bincount(bin_index, (y - middle_y[bin_index]) ** 2) / n)
-    shape = (int(block.max()) + 1, len(bins))
-    flat = block * shape[1] + bin_index
-    counts, sums = (np.bincount(flat, weights, minlength=shape[0] * shape[1]).reshape(shape) for weights in (None, y))
-    return middle_x, middle_y, np.maximum(spread / np.sqrt(n), 1e-6), sums, counts
+    members = [np.flatnonzero(bin_index == number) for number in range(len(bins))]
+    return middle_x, Statistics.of([y[chosen] for chosen in members], members, block)

@@ -22,7 +22,7 @@ from ...light.echoes import Ambient, Echoes, receive
 from ...light.fluctuations import FluctuationLaw
 from ...light.hits import Hits
 from ...maths.arrays import Lanes, Numbers, xp
-from ...physics.electronics import range_limit
+from ...physics.electronics import range_limit, sampling
 from ...physics.optics import radiometry, scintillation, sunlight
 from ...scene.scene import Air
 from ...sensor.detectors import WorkingPoint
@@ -154,8 +154,16 @@ def _response(sensor: Sensor, light: Echoes) -> tuple[WorkingPoint, Numbers, Num
     """The working point, the peak signal and the comparator's level, in the shape of the light."""
     point = sensor.working_point(light.background_power_w, range_m=light.range_m)
     ones = np.ones_like(light.range_m)
-    signal, level = point.response.signal(light.peak_power_w) * ones, sensor.threshold(point) * ones
+    height_w = filter_gain(sensor, light.broadening) * light.peak_power_w
+    signal, level = point.response.signal(height_w) * ones, sensor.threshold(point) * ones
     return point, np.asarray(signal), np.asarray(level)
+
+
+def filter_gain(sensor: Sensor, broadening: Lanes | None) -> Lanes:
+    """Gain of the receiver's matched filter for the height of an echo that is longer than its pulse; 1 without one."""
+    if broadening is None or not sensor.matches:
+        return 1.0
+    return sampling.matched_gain(curvature=1.0 / (broadening * broadening))
 
 
 def _ratio(signal: Numbers, level: Numbers) -> Numbers:
@@ -201,6 +209,7 @@ def expected_probability(
         broadening: `light.echoes.Echoes.broadening`
     """
     curvature: Lanes = 1.0 if broadening is None else 1.0 / (broadening * broadening)
+    peak_power_w = filter_gain(sensor, broadening) * peak_power_w
 
     def probability(relative_power: Lanes) -> Lanes:
         signal = point.response.signal(peak_power_w * relative_power)

@@ -1,0 +1,174 @@
+"""Fits of laws to numbers of bins: weighted least squares, robust and from several starts, with its intervals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...maths.arrays import Numbers, map_arrays
+from ...maths.special import SIGMA_PER_MAD
+from .estimates import Solution, huber_weight
+from .tuning import CURVE_HUBER, FIRST_MISFIT, MOST_STEPS, ROUNDS, SAME_MINIMUM, UNKNOWN_SIGMA
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Statistics:
+    """k numbers of bins of pixels.
+
+    Attributes:
+        value: (k,) as recorded
+        sigma: (k,) standard deviation of what is recorded
+        parts: (blocks, k) what each block adds to ``value``, less its mean
+        share: (blocks, k) share of the pixels that are of the block
+        kind: (k,) number of their kind; what a law misses is of one size in each
+        trials: (k,) number of pulses of which a share was kept; infinite of other values
+    """
+
+    value: Numbers
+    sigma: Numbers
+    parts: Numbers
+    share: Numbers
+    kind: Numbers
+    trials: Numbers
+
+    @classmethod
+    def of(cls, values: Sequence[Numbers], members: Sequence[Numbers], block: Numbers) -> Statistics:
+        """Means of what is known of the pixels' values in each bin; NaN where nothing is.
+
+        Args:
+            values: (n,) of each bin
+            members: (n,) of each bin, indices of its pixels
+            block: block of every pixel
+        """
+        number, known = int(block.max()) + 1, [np.isfinite(bin_values) for bin_values in values]
+        values = [bin_values[mask] for bin_values, mask in zip(values, known, strict=True)]
+        blocks = [block[chosen[mask]] for chosen, mask in zip(members, known, strict=True)]
+        counts = np.array([len(bin_values) for bin_values in values])
+        sums = np.stack([np.bincount(*pair, number) for pair in zip(blocks, values, strict=True)], axis=1)
+        with np.errstate(invalid="ignore"):
+            mean = sums.sum(axis=0) / counts
+            share = np.stack([np.bincount(of_bin, minlength=number) for of_bin in blocks], axis=1) / counts
+            squares = [np.sum((bin_values - middle) ** 2) for bin_values, middle in zip(values, mean, strict=True)]
+            sigma, parts = np.sqrt(squares) / counts, sums / counts - share * mean
+        return cls(value=mean, sigma=sigma, parts=parts, share=share, kind=0 * counts, trials=counts + np.inf)
+
+    def logarithm(self) -> Statistics:
+        """Statistics of the logarithms."""
+        return replace(self, value=np.log(self.value), sigma=self.sigma / self.value, parts=self.parts / self.value)
+
+    def spread(self, law: Numbers) -> Numbers:
+        """(k,) standard deviation about a law; of shares by its own chance.
+
+        By the recorded share, bins that lost fewer pulses by chance would weigh more than those that lost more.
+        """
+        kept = np.clip(law, 0.0, 1.0)
+        return np.sqrt(self.sigma**2 + (kept * (1.0 - kept) + 1.0 / self.trials) / self.trials)
+
+    @staticmethod
+    def join(parts: Sequence[Statistics]) -> Statistics:
+        """Statistics of several kinds side by side."""
+        numbered = [replace(part, kind=part.kind + number) for number, part in enumerate(parts)]
+        return map_arrays(lambda *values: np.concatenate(values, axis=-1), *numbered)
+
+
+def misfit_beyond(residual: Numbers, sigma: Numbers) -> float:
+    """Standard deviation of residuals beyond their own sigma, by medians: a few bins may follow laws of their own."""
+    excess = float(np.median((SIGMA_PER_MAD * residual) ** 2 - sigma**2))
+    return math.sqrt(max(excess, 1e-6**2))
+
+
+def solve(
+    recorded: Statistics,
+    predict: Callable[[Numbers], Numbers],
+    start: Numbers,
+    bounds: Numbers,
+    *,
+    step: float,
+    prior: Numbers | None = None,
+    error: Callable[[Numbers], Numbers | float] = lambda _: 0.0,
+) -> Solution:
+    """Fit parameters to statistics; bins that no law meets count less (Huber's weight).
+
+    What the law misses beyond the noise of the bins is a scatter of all of their kind. Other minima that are as good,
+    to two sigma, widen the intervals by their distance.
+
+    Args:
+        predict: (m, k) statistics of (m, p) parameters
+        start: (p,) parameters, or (s, p) of several starts; the others count unless the first one decides (`_decides`)
+        bounds: (2, p) of the parameters
+        step: of the central differences that are the slopes. They are taken at the nearest node of a lattice of such
+            steps, so that places near each other share their statistics
+        prior: (2, p) expected parameters, and their standard deviations; None: nothing is expected
+        error: (k,) standard deviation of what is predicted at (p,) parameters
+    """
+    from scipy.optimize import least_squares
+
+    places = np.atleast_2d(start)
+    expected, width = np.stack([places[0], np.full_like(places[0], np.inf)]) if prior is None else prior
+    known: dict[tuple[float, ...], Numbers] = {}
+
+    def laws(asked: Numbers) -> Numbers:
+        rows = [tuple(row) for row in asked.tolist()]
+        new = list(dict.fromkeys(row for row in rows if row not in known))
+        if new:
+            known.update(zip(new, predict(np.array(new)), strict=True))
+        return np.array([known[row] for row in rows])
+
+    def spread(place: Numbers) -> Numbers:
+        return np.hypot(recorded.spread(laws(place[None])[0]), error(place))
+
+    def residuals(place: Numbers, root: Numbers) -> Numbers:
+        return np.append((laws(place[None])[0] - recorded.value) * root, (place - expected) / width)
+
+    def slopes(place: Numbers, root: Numbers) -> Numbers:
+        moves = np.eye(len(place))
+        above, below = (np.clip(step * (np.rint(place / step) + side), *bounds) for side in (moves, -moves))
+        rises = np.subtract(*np.split(laws(np.vstack([above, below])), 2)) / np.diag(above - below)[:, None]
+        return np.vstack([rises.T * root[:, None], np.diag(1.0 / width)])
+
+    rules: dict[str, Any] = {"x_scale": "jac", "max_nfev": MOST_STEPS, "xtol": 1e-5, "ftol": 1e-4}
+    sigma, weight = spread(places[0]), np.ones_like(recorded.value)
+    misfit = np.full_like(recorded.value, 0.0 if prior is None else FIRST_MISFIT)
+    for number in range(ROUNDS):  # misfit and weights follow from the residuals, which follow from the weights
+        root, ends = np.sqrt(weight) / np.hypot(sigma, misfit), []
+        for place in places:
+            ends.append(least_squares(residuals, place, slopes, bounds, args=(root,), **rules))
+            if number == 0 and _decides(ends[0].cost, ends[0].jac):
+                break
+        found = min(ends, key=lambda end: float(end.cost))
+        residual, sigma = recorded.value - laws(found.x[None])[0], spread(found.x)
+        for kind in np.unique(recorded.kind):
+            alike = recorded.kind == kind
+            misfit[alike] = misfit_beyond(residual[alike], sigma[alike])
+        weight = huber_weight(residual, np.hypot(sigma, misfit), CURVE_HUBER)
+        root = np.sqrt(weight) / np.hypot(sigma, misfit)
+        jacobian = slopes(found.x, root)
+        places, widths = found.x[None], np.sqrt(np.diag(_covariance(jacobian)))
+        squares = [float(np.sum(residuals(end.x, root) ** 2)) for end in ends]
+        for end, square in zip(ends, squares, strict=True):
+            is_new = np.any(np.abs(places - end.x) > SAME_MINIMUM * widths, axis=1).all()
+            if is_new and square < min(squares) + 4.0:  # what differs by two sigma at most is not known
+                places = np.vstack([places, end.x])
+    scores = ((recorded.parts + recorded.share * residual) * root) @ jacobian[: len(root)]
+    return Solution(
+        value=found.x,
+        slope=jacobian.T @ jacobian,
+        scores=scores,
+        evaluations=len(known),
+        held_covariance=(places - found.x).T @ (places - found.x),
+        at_limit=found.status == 0,
+    )
+
+
+def _decides(cost: float, jacobian: Numbers) -> bool:
+    """True of an end of a solver that fits as well as chance allows and leaves no parameter open."""
+    return 2.0 * cost < len(jacobian) and bool(np.diag(_covariance(jacobian)).max() < UNKNOWN_SIGMA**2)
+
+
+def _covariance(jacobian: Numbers) -> Numbers:
+    """Inverse of the information of a Jacobian; large where there is none."""
+    return np.linalg.inv(jacobian.T @ jacobian + 1e-9 * np.eye(jacobian.shape[1]))
