@@ -30,6 +30,7 @@ def frame(points: int = 4000) -> dict[str, np.ndarray]:
         "return_number": 1 + np.r_[False, np.diff(pulse) == 0].astype(np.uint8),
         "range": rng.uniform(1.0, 200.0, points).astype(np.float32),
         "true_range": rng.uniform(1.0, 200.0, points).astype(np.float32),
+        "reflectivity": np.where(np.arange(points) % 7 == 0, np.nan, 0.3),
         "intensity": rng.uniform(1e-6, 1e-3, points).astype(np.float32),
         "snr": rng.uniform(4.0, 100.0, points).astype(np.float32),
         "detection_probability": rng.uniform(0.0, 1.0, points).astype(np.float32),
@@ -99,6 +100,18 @@ def test_few_ranges_may_be_a_step_of_the_clock_off(points: int, complaint: str) 
     assert trial.difference(columns, moved, step_m=0.002).startswith(complaint)
     assert bool(trial.difference(columns, moved, step_m=0.002)) == bool(complaint)
     assert trial.difference(columns, moved) != ""
+
+
+@pytest.mark.parametrize(("points", "complaint"), [(15, ""), (25, "25 of 4000 points differ in reflectivity")])
+def test_few_points_may_be_on_the_next_brick(points: int, complaint: str) -> None:
+    """Their signal is another one then, and so is all that follows from it."""
+    columns = frame()
+    others = np.flatnonzero(np.isfinite(columns["reflectivity"]))[:points]
+    beside = {name: values.copy() for name, values in columns.items()}
+    for name in ("reflectivity", "snr", "intensity", "range"):
+        beside[name][others] *= 0.8
+    assert trial.difference(columns, beside).startswith(complaint)
+    assert bool(trial.difference(columns, beside)) == bool(complaint)
 
 
 def test_a_verdict_is_kept(cache: Path) -> None:
