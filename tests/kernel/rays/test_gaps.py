@@ -7,6 +7,7 @@ import pytest
 from helpers import chain, launches
 
 from lidarscene.kernel.device import transfer
+from lidarscene.kernel.device.backend import is_cuda
 from lidarscene.kernel.rays.gaps import Draws
 from lidarscene.materials.material import Material, Spectrum
 from lidarscene.materials.material_file import catalogue_material
@@ -260,5 +261,7 @@ def test_a_free_path_leaves_other_surfaces_alone(behind_m):
         ours, reference = (np.broadcast_to(getattr(lanes.hits, name), at_fence.shape) for lanes in (deep, flat))
         np.testing.assert_array_equal(ours[at_fence], reference[at_fence])
     near = flat.hits.interactions == 0
-    assert agrees_with_share(near[at_fence].sum(), at_fence.sum(), COVER)
+    # Which of two coincident surfaces a ray meets is rounding (docs/scene_files.md): on a GPU, that of each ray.
+    if behind_m > 0.0 or not is_cuda():
+        assert agrees_with_share(near[at_fence].sum(), at_fence.sum(), COVER)
     assert np.any(deep.hits.range_m[near] > flat.hits.range_m[near]) == (behind_m > 0.0)
