@@ -20,8 +20,8 @@ import clock
 import numpy as np
 from table import Row, Section, line, markdown
 
-from lidarscene import Outputs, load_scene, load_sensor, record
-from lidarscene.kernel.device import backend, transfer
+from lidarscene import Outputs, load_scene, load_sensor, record, render_frames
+from lidarscene.kernel.device import backend, blocks, transfer
 from lidarscene.rendering.simulator import Simulator
 
 ROOT = Path(__file__).parents[1]
@@ -29,6 +29,7 @@ VARIANTS = {"cuda": "cuda_ad_mono", "llvm": "llvm_ad_mono"}
 SENSORS = ("vlp-16", "hdl-64e", "os1-128", "table1-apd")
 BUSY, MOVING = "os1-128", ("drive", "town")
 BARE, WARP, DEVICE, NUMPY = "bare hits", "Warp", "to the device", "to NumPy"
+SEQUENCE = "in sequence"
 COLUMNS = (
     "scene, sensor",
     "beams",
@@ -37,6 +38,7 @@ COLUMNS = (
     "kernels, ms",
     f"{DEVICE}, ms",
     f"{NUMPY}, ms",
+    f"{SEQUENCE}, ms",
     "first frame, s",
     "memory, MiB",
 )
@@ -46,7 +48,8 @@ TEXT = """Medians by the clock of frames by `{variant}`. `bare hits` asks Mitsub
 beams, by OptiX on a GPU, and for nothing else; `Warp` asks NVIDIA Warp's mesh for it, as mujoco-lidar's back end of
 that name does, all triangles in one mesh. Both have their rays ready, leave the answers on the device, and in scenes
 that move have what stands still alone. `kernels` is the sum of what the device computes for a frame. `to the device`
-and `to NumPy` are `render` with `on_device=True` and without. The first frame is that of a fresh process, its world not
+and `to NumPy` are `render` with `on_device=True` and without. `in sequence` is a frame of `render_frames` to the device
+after two launches, which frames that follow each other share. The first frame is that of a fresh process, its world not
 included; compiled kernels are cached on disk. Memory is that of the GPU at its peak, or on a CPU of the process."""
 
 
@@ -115,9 +118,18 @@ def _row(scene_file: Path, name: str, rounds: int) -> tuple[str, ...]:
         f"{kernels_ms:.2f}",
         cells[DEVICE],
         cells[NUMPY],
+        f"{1e3 * _in_sequence(simulator):.2f}",
         f"{first_s:.2f}",
         f"{_memory_mib():.0f}",
     )
+
+
+def _in_sequence(simulator: Simulator) -> float:
+    """Seconds of a frame of a sequence, whose launches hold `blocks.lanes_per_launch` rays."""
+    launch = max(blocks.lanes_per_launch() // simulator.sensor.scanner.pulses, 1)
+    frames = render_frames(simulator.scene, simulator.sensor, frames=8 * launch, on_device=True)
+    ends = [time.perf_counter() for cloud in frames if _finished(cloud)]
+    return (ends[-1] - ends[2 * launch]) / (len(ends) - 1 - 2 * launch)
 
 
 def _finished(result: Any) -> Any:

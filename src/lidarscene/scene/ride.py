@@ -125,18 +125,21 @@ class Ride:
         return _quintic(before, after, place - node)
 
     @staticmethod
-    def _compute(asked: Iterable[tuple[Ride, set[int]]]) -> None:
+    def _compute(rows: Iterable[tuple[Ride, set[int]]]) -> None:
         """Compute those of the blocks of these rides that are not known: `_nodes`.
 
         A block is (`BLOCK_NODES` + 1, 3, 3): heave, pitch and roll at its nodes, with first and second derivatives.
         Those of all rides are computed together: NumPy takes as long for the path of one as for those of ten.
         """
-        missing: dict[tuple[Ride, int], None] = {}
-        for ride, numbers in asked:
+        asked: dict[Ride, set[int]] = {}
+        for ride, numbers in rows:
+            asked.setdefault(ride, set()).update(numbers)
+        missing: list[tuple[Ride, int]] = []
+        for ride, numbers in asked.items():
             if len(ride._nodes) >= _MOST_BLOCKS and not numbers <= ride._nodes.keys():
                 ride._nodes.clear()
                 ride._inputs.clear()
-            missing |= dict.fromkeys((ride, number) for number in sorted(numbers - ride._nodes.keys()))
+            missing += [(ride, number) for number in sorted(numbers - ride._nodes.keys())]
         Ride._follow([block for block in missing if block[0].suspension is None])
         Ride._swing([(ride, ride.suspension, number) for ride, number in missing if ride.suspension is not None])
 
