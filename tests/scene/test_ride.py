@@ -1,5 +1,6 @@
 """Vehicles that ride over rough ground: against the closed form of a sum of waves, and as keys of a scene file."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,10 +8,11 @@ import pytest
 from helpers.roads import output_spectrum, wheel_spectrum
 
 from lidarscene.maths.pose import Pose, rotation_matrix
-from lidarscene.maths.trajectory import Course, Riding, Spline
+from lidarscene.maths.trajectory import Course, Riding, Spline, states_of
 from lidarscene.physics.constants import STANDARD_GRAVITY_M_S2
 from lidarscene.physics.road.roughness import RoughSurface
 from lidarscene.physics.road.suspension import Suspension
+from lidarscene.scene import ride as rides
 from lidarscene.scene.ride import BLOCK_NODES, STEP_S, Ride
 from lidarscene.scene.scene import Scene
 from lidarscene.scene.scene_file import load_scene
@@ -154,6 +156,17 @@ def test_the_order_in_which_times_are_asked_for_changes_nothing() -> None:
         np.testing.assert_array_equal(
             backward.at(np.array([time])).rotation[0], forward.rotation[np.flatnonzero(time_s == time)[0]]
         )
+
+
+@pytest.mark.parametrize("suspension", [Suspension(), None], ids=["car", "walker"])
+def test_blocks_that_were_given_up_come_back(monkeypatch: pytest.MonkeyPatch, suspension: Suspension | None) -> None:
+    """Two rows of one ride ask for a block that it has and for one that it must make room for."""
+    monkeypatch.setattr(rides, "_MOST_BLOCKS", 2)
+    kept, anew = (replace(ride(), suspension=suspension) for _ in range(2))
+    kept.at(np.array([0.1, 1.1]))
+    both = states_of([kept, kept], np.array([[0.2], [2.2]]))
+    for row, time_s in enumerate((0.2, 2.2)):
+        np.testing.assert_array_equal(both.position_m[row], anew.at(np.array([time_s])).position_m)
 
 
 def test_standing_and_braking_on_a_plane() -> None:
