@@ -56,9 +56,16 @@ class Strip:
     _ahead: Numbers = field(init=False)
     _bisector: Numbers = field(init=False)
     _first_row: Numbers = field(init=False)
+    _way_m: Numbers = field(init=False)
+    _around_m: Numbers = field(init=False)
+    _lean: Numbers = field(init=False)
 
     def __post_init__(self) -> None:
-        """Compute length and direction of the segments, bisectors at the points, and rows up to each point."""
+        """Compute what `locate` needs, which wheels ask a thousand times.
+
+        That is length and direction of the segments, bisectors at the points, rows and way up to each point, the box
+        around each segment's part of the strip, (2, k, 2), and how far the bisectors at its ends lean ahead, (2, k).
+        """
         step = np.diff(self.line_m[:, :2], axis=0)
         length_m = np.hypot(*step.T)
         ahead = step / np.maximum(length_m, 1e-12)[:, None]
@@ -68,9 +75,20 @@ class Strip:
         bisector = (before + after) / np.maximum(1.0 + np.einsum("ij,ij->i", before, after), 1e-12)[:, None]
         rows = np.maximum(1, np.ceil(length_m / self.spacing_m - 1e-9)).astype(int)
         first_row = np.concatenate([[0], np.cumsum(rows)])
-        for name, values in (("length_m", length_m), ("ahead", ahead), ("bisector", bisector)):
+        way_m = np.concatenate([[0.0], np.cumsum(length_m)])
+        half_m = float(np.hypot(*bisector.T).max()) * (abs(self.offset_m) + 0.5 * self.width_m) + EDGE_M
+        begin_m, end_m = self.line_m[:-1, :2], self.line_m[1:, :2]
+        computed = {
+            "length_m": length_m,
+            "ahead": ahead,
+            "bisector": bisector,
+            "first_row": first_row,
+            "way_m": way_m,
+            "around_m": np.stack([np.minimum(begin_m, end_m) - half_m, np.maximum(begin_m, end_m) + half_m]),
+            "lean": np.stack([np.einsum("ij,ij->i", ahead, side) for side in (bisector[:-1], bisector[1:])]),
+        }
+        for name, values in computed.items():
             object.__setattr__(self, f"_{name}", values)
-        object.__setattr__(self, "_first_row", first_row)
 
     @classmethod
     def rectangle(cls, size_m: tuple[float, float], spacing_m: float, heights_m: Numbers | None = None) -> Strip:
@@ -91,7 +109,7 @@ class Strip:
     def sharp_corner(self) -> Numbers | None:
         """Return the first point of the line at which it bends too sharply for the strip's width, None without one."""
         edges_m = self.offset_m + 0.5 * self.width_m * np.array([-1.0, 1.0])
-        begin, end = (np.einsum("ij,ij->i", self._ahead, side) for side in (self._bisector[:-1], self._bisector[1:]))
+        begin, end = self._lean
         folded = (self._length_m[:, None] + (end - begin)[:, None] * edges_m <= 0.0).any(axis=1)
         return self.line_m[np.argmax(folded)] if folded.any() else None
 
@@ -127,28 +145,23 @@ class Strip:
             return np.full(np.shape(row), z_m[0])
         from scipy.interpolate import PchipInterpolator
 
-        way_m = np.concatenate([[0.0], np.cumsum(self._length_m)])
-        return np.asarray(PchipInterpolator(way_m, z_m)(np.interp(row, self._first_row, way_m)))
+        return np.asarray(PchipInterpolator(self._way_m, z_m)(np.interp(row, self._first_row, self._way_m)))
 
     def crown_share(self, row: Numbers, across_m: Numbers) -> Numbers:
         """Rise of a crown of 1: (1 - (2 v / w)^2) f, with f from 0 to 1 over one width from both ends."""
-        way_m = np.concatenate([[0.0], np.cumsum(self._length_m)])
-        place_m = np.interp(row, self._first_row, way_m)
-        from_end = np.clip(np.minimum(place_m, way_m[-1] - place_m) / self.width_m, 0.0, 1.0)
+        place_m = np.interp(row, self._first_row, self._way_m)
+        from_end = np.clip(np.minimum(place_m, self._way_m[-1] - place_m) / self.width_m, 0.0, 1.0)
         return np.asarray(from_end**2 * (3.0 - 2.0 * from_end) * (1.0 - (2.0 * across_m / self.width_m) ** 2))
 
     def locate(self, place_m: Numbers) -> tuple[Numbers, Numbers, Numbers]:
         """Which of (n, 2) places lie on it; of all, the place along it, counted in rows, and across it [m]."""
-        half_m = float(np.hypot(*self._bisector.T).max()) * (abs(self.offset_m) + 0.5 * self.width_m) + EDGE_M
-        begin_m, end_m = self.line_m[:-1, :2], self.line_m[1:, :2]
-        near = (np.minimum(begin_m, end_m) - half_m <= place_m.max(axis=0)).all(axis=1)
-        near &= (np.maximum(begin_m, end_m) + half_m >= place_m.min(axis=0)).all(axis=1)
+        low_m, high_m = self._around_m
+        near = (low_m <= place_m.max(axis=0)).all(axis=1) & (high_m >= place_m.min(axis=0)).all(axis=1)
         segment = np.flatnonzero(near)
         if not len(segment):
             return np.zeros(len(place_m), dtype=bool), np.zeros(len(place_m)), np.zeros(len(place_m))
-        ahead, length_m = self._ahead[segment], self._length_m[segment]
-        begin, end = (np.einsum("ij,ij->i", ahead, self._bisector[segment + step]) for step in (0, 1))
-        from_begin = place_m[:, None] - begin_m[segment]
+        ahead, length_m, (begin, end) = self._ahead[segment], self._length_m[segment], self._lean[:, segment]
+        from_begin = place_m[:, None] - self.line_m[segment, :2]
         t_m = from_begin[..., 1] * ahead[:, 0] - from_begin[..., 0] * ahead[:, 1]
         along_m = from_begin[..., 0] * ahead[:, 0] + from_begin[..., 1] * ahead[:, 1]
         # The place is begin + u (end - begin) + t ((1 - u) b0 + u b1), with bisectors b0 and b1.
@@ -159,8 +172,9 @@ class Strip:
         inside &= np.abs(t_m - self.offset_m) <= 0.5 * self.width_m + EDGE_M
         first = np.argmax(inside, axis=1)
         taken = np.arange(len(place_m)), first
-        count = np.diff(self._first_row)[segment][first]
-        row = self._first_row[segment][first] + np.clip(share[taken], 0.0, 1.0) * count
+        of_place = segment[first]
+        count = self._first_row[of_place + 1] - self._first_row[of_place]
+        row = self._first_row[of_place] + np.clip(share[taken], 0.0, 1.0) * count
         return inside.any(axis=1), row, t_m[taken] - self.offset_m
 
 
