@@ -100,8 +100,9 @@ def solve(
         predict: (m, k) statistics of (m, p) parameters
         start: (p,) parameters, or (s, p) of several starts; the others count unless the first one decides (`_decides`)
         bounds: (2, p) of the parameters
-        step: of the central differences that are the slopes. They are taken at the nearest node of a lattice of such
-            steps, so that places near each other share their statistics
+        step: of the first central differences that are the slopes; later ones reach along the main axes of the interval
+            to its end, since over short ways the noise of a simulated law counts as information. They are taken at the
+            nearest node of a lattice of such steps, so that places near each other share their statistics
         prior: (2, p) expected parameters, and their standard deviations; None: nothing is expected
         error: (k,) standard deviation of what is predicted at (p,) parameters
     """
@@ -125,13 +126,13 @@ def solve(
         return np.append((laws(place[None])[0] - recorded.value) * root, (place - expected) / width)
 
     def slopes(place: Numbers, root: Numbers) -> Numbers:
-        moves = np.eye(len(place))
-        above, below = (np.clip(step * (np.rint(place / step) + side), *bounds) for side in (moves, -moves))
-        rises = np.subtract(*np.split(laws(np.vstack([above, below])), 2)) / np.diag(above - below)[:, None]
-        return np.vstack([rises.T * root[:, None], np.diag(1.0 / width)])
+        node = np.clip(step * np.rint(place / step), *bounds)
+        above, below = np.clip(node + moves, *bounds), np.clip(node - moves, *bounds)
+        rises = np.subtract(*np.split(laws(np.vstack([above, below])), 2))
+        return np.vstack([np.linalg.solve(above - below, rises).T * root[:, None], np.diag(1.0 / width)])
 
     rules: dict[str, Any] = {"x_scale": "jac", "max_nfev": MOST_STEPS, "xtol": 1e-5, "ftol": 1e-4}
-    sigma, weight = spread(places[0]), np.ones_like(recorded.value)
+    moves, sigma, weight = step * np.eye(len(expected)), spread(places[0]), np.ones_like(recorded.value)
     misfit = np.full_like(recorded.value, 0.0 if prior is None else FIRST_MISFIT)
     for number in range(ROUNDS):  # misfit and weights follow from the residuals, which follow from the weights
         root, ends = np.sqrt(weight) / np.hypot(sigma, misfit), []
@@ -147,7 +148,8 @@ def solve(
         weight = huber_weight(residual, np.hypot(sigma, misfit), CURVE_HUBER)
         root = np.sqrt(weight) / np.hypot(sigma, misfit)
         jacobian = slopes(found.x, root)
-        places, widths = found.x[None], np.sqrt(np.diag(_covariance(jacobian)))
+        places, covariance = found.x[None], _covariance(jacobian)
+        widths, moves = np.sqrt(np.diag(covariance)), _axes(covariance, step)
         squares = [float(np.sum(residuals(end.x, root) ** 2)) for end in ends]
         for end, square in zip(ends, squares, strict=True):
             is_new = np.any(np.abs(places - end.x) > SAME_MINIMUM * widths, axis=1).all()
@@ -167,6 +169,12 @@ def solve(
 def _decides(cost: float, jacobian: Numbers) -> bool:
     """True of an end of a solver that fits as well as chance allows and leaves no parameter open."""
     return 2.0 * cost < len(jacobian) and bool(np.diag(_covariance(jacobian)).max() < UNKNOWN_SIGMA**2)
+
+
+def _axes(covariance: Numbers, least: float) -> Numbers:
+    """(p, p) main axes of an interval, as long as its standard deviations, from ``least`` to `UNKNOWN_SIGMA`."""
+    squares, axes = np.linalg.eigh(covariance)
+    return np.asarray(axes * np.clip(np.sqrt(squares), least, UNKNOWN_SIGMA)).T
 
 
 def _covariance(jacobian: Numbers) -> Numbers:

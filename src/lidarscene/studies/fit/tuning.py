@@ -162,8 +162,9 @@ ROUNDING = 12.0**-0.5
 """Source: standard deviation of an even distribution between two whole numbers; what strengths leave open."""
 
 LOG_STEP = 0.1
-"""Accuracy bought: step of the logarithms of numbers at rest, to both sides. Ranges jump by steps of the clock: half of
-it, to one side, gave slopes that were noise, which counted as information and made intervals up to half as wide."""
+"""Accuracy bought: first step of the logarithms of numbers at rest, to both sides. Ranges jump by steps of the clock:
+half of it, to one side, gave slopes that were noise, which counted as information and made intervals up to half as
+wide."""
 
 LEAST_SLOPE = 1.0
 """Choice: least information on a logarithm, one over the square of its standard deviation: a factor of e either way."""
