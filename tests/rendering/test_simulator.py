@@ -198,8 +198,9 @@ def test_a_body_in_the_sensor_is_a_mistake_of_its_own_frame() -> None:
     place = Pose.from_degrees(position_m=(300.0, -200.0, 1.0))
     wall = chain.box(at=(301.0, -200.0, 0.0), size_m=(0.2, 4.0, 3.0))
     wall = moving(wall, "wall", Course(start=wall.pose, velocity_m_s=(-5.0, 0.0, 0.0)))
-    sim = Simulator(chain.scene(chain.facing(range_m=50.0, size_m=40.0), wall), load_sensor("livox-mid-40"))
-    orders = [FrameOptions(number=number, pose=place) for number in range(5)]
+    scene = chain.scene(chain.facing(range_m=50.0, size_m=40.0), wall, pose=place)
+    sim = Simulator(scene, load_sensor("livox-mid-40"))
+    orders = [FrameOptions(number=number) for number in range(5)]
     together = launches.count_frames(sim)
     for number, order in enumerate(orders):
         following = orders[number + 1 :]
