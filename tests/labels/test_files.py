@@ -1,8 +1,11 @@
 """Labels: boxes against brute force, and data sets in loaders that are not ours."""
 
+import errno
+import io
 import json
 import math
 import os
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.cloud.rig_clouds import merge_clouds
+from lidarscene.errors import InputError, OutputError
 from lidarscene.files import spool
 from lidarscene.formats.osi import framed
 from lidarscene.formats.registry import DATASETS, LABELS
@@ -32,6 +36,7 @@ from lidarscene.labels.files import (
     write_labels,
 )
 from lidarscene.labels.kinds import KINDS, kind_of
+from lidarscene.labels.kitti_dataset import _write_line
 from lidarscene.labels.osi_truth import ground_truth
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, Riding, pose_at
@@ -980,3 +985,40 @@ def test_osi_files_have_the_start_of_the_frame(tmp_path: Path, library: Any) -> 
     (truth,) = osi_messages(path, "GroundTruth", library)
     place = truth.moving_object[0].base.position
     assert (place.x, place.y, place.z) == pytest.approx((25.0, -2.0, 0.75), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("before", "frame", "after"),
+    [
+        ("", 0, "n\n"),
+        ("0\n1\n", 0, "n\n"),
+        ("0\n1\n", 2, "0\n1\nn\n"),
+        ("0\n1\n2\n3\n", 2, "0\n1\nn\n"),  # a run that begins again in the middle
+        ("0\n1", 2, "0\n1\nn\n"),  # saved by an editor
+        ("0\n1\n2.", 2, "0\n1\nn\n"),  # torn by a kill
+        ("0\n", 2, None),
+    ],
+)
+def test_a_line_of_a_sequence_is_put_in_its_place(tmp_path: Path, before: str, frame: int, after: str | None) -> None:
+    path = tmp_path / "poses.txt"
+    path.write_text(before)
+    with nullcontext() if after else pytest.raises(InputError, match="must have 2 lines before this frame, got 1"):
+        _write_line(path, frame, "n")
+    assert path.read_text() == (after or before)
+
+
+def test_a_line_without_room_leaves_the_file_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The disk takes 3 bytes of it, then no more."""
+
+    class Full(io.FileIO):
+        def write(self, data: Any) -> int:
+            if len(data) < 9:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            return super().write(data[:3]) or 0
+
+    path = tmp_path / "poses.txt"
+    path.write_text("0\n")
+    monkeypatch.setattr(kitti_dataset, "open", lambda file, mode, buffering: Full(file, mode), raising=False)
+    with pytest.raises(OutputError, match=r"poses.txt: cannot be written: No space left"):
+        _write_line(path, 1, "long line")
+    assert path.read_text() == "0\n"

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -9,17 +10,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import launches
+from helpers import chain, launches
 from helpers.child import assert_ended
 from helpers.clouds import assert_same
 from helpers.mistakes import told
 from helpers.run_seed import chosen
-from helpers.traffic import traffic
+from helpers.traffic import moving, traffic
 
 from lidarscene import load_scene, load_sensor
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.kernel.device import blocks
 from lidarscene.kernel.device.backend import drjit
+from lidarscene.maths.pose import Pose
+from lidarscene.maths.trajectory import Course
 from lidarscene.rendering.render_options import FrameOptions, Keywords, TraceOptions
 from lidarscene.rendering.simulator import Simulator, Summary, _intensity_unit
 from lidarscene.rendering.tiles import Numbering
@@ -188,6 +191,22 @@ def test_launches_of_a_sequence_are_alike(
         while left := sum(frames) - sum(together):
             sim.begin(FrameOptions(number=100 * sum(frames) - left, chunk=chunk), left)
         assert together == frames
+
+
+def test_a_body_in_the_sensor_is_a_mistake_of_its_own_frame() -> None:
+    """A wall far from the origin goes through the sensor in the third of five frames, which go together else."""
+    place = Pose.from_degrees(position_m=(300.0, -200.0, 1.0))
+    wall = chain.box(at=(301.0, -200.0, 0.0), size_m=(0.2, 4.0, 3.0))
+    wall = moving(wall, "wall", Course(start=wall.pose, velocity_m_s=(-5.0, 0.0, 0.0)))
+    scene = chain.scene(chain.facing(range_m=50.0, size_m=40.0), wall, pose=place)
+    sim = Simulator(scene, load_sensor("livox-mid-40"))
+    orders = [FrameOptions(number=number) for number in range(5)]
+    together = launches.count_frames(sim)
+    for number, order in enumerate(orders):
+        following = orders[number + 1 :]
+        with told("at (300, -200, 1) | off every surface | 'wall'") if number == 2 else nullcontext():
+            sim.render(order, ahead=partial(sim.begin, following[0], len(following)) if following else None)
+    assert together == [1, 1, 1, 1]
 
 
 def test_a_mistake_is_of_its_own_frame() -> None:

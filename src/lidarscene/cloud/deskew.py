@@ -94,7 +94,7 @@ def deskewed(
     removed = {**cloud.metadata, "ego_motion": MOTION_REMOVED}
     if not len(cloud):
         return replace(cloud, metadata=removed)
-    length_s = float(cloud.time_s.max(initial=0.0) if length_s is None else length_s)
+    length_s = float(cloud.time_s.max() if length_s is None else length_s)
     deskewing = Deskewing.of_frame(motion, goal, start_s=start_s, length_s=length_s)
     turned_back = np.array(deskewing.traced_frame.rotation).reshape(3, 3)
     moved = np.zeros_like(cloud.xyz_m)

@@ -11,7 +11,6 @@ osi            a trace file of one GroundTruth (`lidarscene.labels.osi_truth`)
 
 from __future__ import annotations
 
-import functools
 import math
 import os
 from collections.abc import Callable, Iterator
@@ -146,7 +145,6 @@ class LabelTables:
     bodies: Lanes
 
     @classmethod
-    @functools.lru_cache(maxsize=1)  # a town takes 3 ms, in each frame
     def of_scene(cls, scene: Scene, class_names: tuple[str, ...]) -> LabelTables:
         """Build for a scene, and the classes of a cloud of it."""
         kinds = [kind_of(name) for name in class_names]

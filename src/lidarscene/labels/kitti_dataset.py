@@ -205,19 +205,27 @@ def camera_pose(sensor_pose: Pose) -> str:
 def _write_line(path: Path, frame: int, line: str) -> None:
     """Write this line as number ``frame`` of a file, after those of the earlier frames."""
     text = path.read_text(encoding="ascii") if frame and path.exists() else ""
-    lines = text.count("\n")
-    if lines < frame:
-        raise InputError(f"{path}: must have {frame} lines before this frame, got {lines}")
-    if frame and lines == frame and text.endswith("\n"):
-        # A line in one piece: to write all of them anew, and wait for the disk, would take a long run most of its time.
+    lines = text.splitlines()
+    if len(lines) < frame:
+        raise InputError(f"{path}: must have {frame} lines before this frame, got {len(lines)}")
+    if frame and len(lines) == frame and text.endswith("\n"):
+        # To write all lines anew, and wait for the disk, would take a long run most of its time.
         name_path_in_errors(path, _append_line)(path, line)
-        return
-    _write_text(path, [*text.splitlines()[:frame], line])
+    else:
+        _write_text(path, [*lines[:frame], line])
 
 
 def _append_line(path: Path, line: str) -> None:
-    with open(path, "a", encoding="ascii") as file:
-        file.write(line + "\n")
+    """Append a line, or nothing of it if there is no room."""
+    rest = f"{line}\n".encode("ascii")
+    with open(path, "ab", buffering=0) as file:
+        size = file.tell()
+        try:
+            while rest:
+                rest = rest[file.write(rest) :]
+        except OSError:
+            file.truncate(size)
+            raise
 
 
 def _write_text(path: Path, lines: list[str]) -> None:

@@ -20,20 +20,22 @@ import numpy as np
 from .arrays import Lanes, Numbers, xp
 from .box_tree import BoxTree
 from .pose import Pose, rotation_numbers
-from .trajectory import Motion, States, states_of
+from .trajectory import Motion, States, fastest_turn_rad_s, states_of
 from .vectors import Vector
 
-STEP_S = 2e-3
-"""Accuracy bought: longest step of the tables. Linear interpolation is off by 5 um at 10 m/s2, 5 urad at 10 rad/s2, and
-8 um on an arc at 30 m/s and 30 degrees/s: less than the rounding of a place 200 m away."""
+STEP_S = 1.25e-3
+"""Accuracy bought: longest step of the tables. Linear interpolation is off by 2 um at 10 m/s2, 2 urad at 10 rad/s2, and
+3 um on an arc at 30 m/s and 30 degrees/s: less than the rounding of a place 200 m away. A jump of the speed by v is
+off by v h / 4 within that step."""
 
-LARGEST_MISS_M = 2e-5
-"""Accuracy bought: what straight lines between two instants may miss, 1 m from the origin of a frame too. Where they
-miss more, steps are `FINE_STEP_S`: no vehicle and nobody who walks brakes or turns so hard."""
+FASTEST_TURN_RAD_S = 6.0
+"""Choice: rate of turn of a motion, anywhere on it, up to which steps are `STEP_S` long: what turns so fast is off by
+7 um 1 m from its origin. People turn more slowly, and vehicles much more."""
 
 FINE_STEP_S = 5e-4
-"""Accuracy bought: longest step of those tables: an antenna that reaches 1 m and turns twice a second is off by 5 um,
-one that turns ten times a second by 0.12 mm."""
+"""Accuracy bought: longest step where something turns faster, or where nobody knows how fast, such as a motion that
+jumps from pose to pose: an antenna that reaches 1 m and turns twice a second is off by 5 um, one that turns ten times a
+second by 0.12 mm."""
 
 NOWHERE = ((math.inf,) * 3, (-math.inf,) * 3)
 """Lowest and highest corner of a box that nothing is in, and that no ray passes."""
@@ -155,27 +157,20 @@ class Travel:
         """Each motion once: all that a vehicle carries rides on it, and what a frame does not show rests."""
         return list(dict.fromkeys(self.motions))
 
-    def instants(self, step_s: float) -> Numbers:
-        """(n,) times of a table with steps no longer than this."""
+    def instants(self) -> Numbers:
+        """(n,) times of the table."""
         # Between two instants everything goes straight on: where it does so anyway, two are enough.
         bends = not all(motion.is_straight for motion in self.motions)
+        fastest = max(map(fastest_turn_rad_s, self.motions), default=0.0)
+        step_s = STEP_S if fastest <= FASTEST_TURN_RAD_S else FINE_STEP_S
         steps = max(math.ceil(self.length_s / step_s), 1) if bends else 1
         return self.start_s + np.linspace(0.0, self.length_s, steps + 1)
 
 
-def _miss_m(states: States, step_s: float) -> float:
-    """Distance by which lines between two instants miss the motions, and what turns 1 m from their origins [m]."""
-    # a h^2 / 8 of a path, and w^2 h^2 / 8 of the arc around the origin.
-    path_m = np.linalg.norm(np.diff(states.velocity_m_s, axis=1), axis=2).max() * step_s / 8.0
-    arc_m = np.square(states.turning_rad_s).sum(axis=2).max() * step_s**2 / 8.0
-    return float(max(path_m, arc_m))
-
-
-def _states_together(frames: Sequence[Travel], step_s: float) -> list[States]:
+def _states_together(distinct: Sequence[Sequence[Motion]], instants: Sequence[Numbers]) -> list[States]:
     """States of the distinct motions of frames of as many instants each, (motions, instants, ...)."""
-    distinct = [frame.distinct for frame in frames]
     motions = [motion for own in distinct for motion in own]
-    times = np.repeat([frame.instants(step_s) for frame in frames], [len(own) for own in distinct], axis=0)
+    times = np.repeat(instants, [len(own) for own in distinct], axis=0)
     # So many together as processors hold in their caches.
     many = max(_TOGETHER // times.shape[1], 1)
     parts = [slice(first, first + many) for first in range(0, len(motions), many)]
@@ -218,32 +213,30 @@ class MotionTable:
         return cls.of_frames([Travel(motions=motions, **travel)], centre_m=centre_m)[0]
 
     @classmethod
-    def of_frames(cls, frames: Sequence[Travel], *, centre_m: Numbers, step_s: float = STEP_S) -> list[MotionTable]:
+    def of_frames(cls, frames: Sequence[Travel], *, centre_m: Numbers) -> list[MotionTable]:
         """Tabulate the motions of several frames, each table as if alone.
 
         Args:
             centre_m: (3,) origin of the traced frame in the world
-            step_s: longest step where lines between two instants miss little
         """
         tables = []
-        for _, alike in itertools.groupby(frames, key=lambda frame: len(frame.instants(step_s))):
+        planned = [(frame, frame.distinct, frame.instants()) for frame in frames]
+        for _, alike in itertools.groupby(planned, key=lambda plan: len(plan[2])):
             group = list(alike)
-            for frame, states in zip(group, _states_together(group, step_s), strict=True):
-                times = frame.instants(step_s)
-                if step_s > FINE_STEP_S and _miss_m(states, times[1] - times[0]) > LARGEST_MISS_M:
-                    tables += cls.of_frames([frame], centre_m=centre_m, step_s=FINE_STEP_S)
-                else:
-                    tables.append(cls._of_states(frame, times, states, centre_m))
+            states = _states_together([distinct for _, distinct, _ in group], [times for _, _, times in group])
+            tables += [cls._of_states(*plan, own, centre_m) for plan, own in zip(group, states, strict=True)]
         return tables
 
     @classmethod
-    def _of_states(cls, frame: Travel, times: Numbers, states: States, centre_m: Numbers) -> MotionTable:
+    def _of_states(
+        cls, frame: Travel, distinct: Sequence[Motion], times: Numbers, states: States, centre_m: Numbers
+    ) -> MotionTable:
         """Tabulate the states of the distinct motions of a frame at its instants."""
         table = np.zeros((*states.position_m.shape[:2], _NUMBERS))
         table[:, :, :3] = states.position_m - centre_m
         table[:, :, 3:7] = _with_continuous_signs(_quaternion(states.rotation))
         table[:, :, 7:10], table[:, :, 10:13] = states.velocity_m_s, states.turning_rad_s
-        row_of = {motion: row for row, motion in enumerate(frame.distinct)}
+        row_of = {motion: row for row, motion in enumerate(distinct)}
         rows = [row_of[motion] for motion in frame.motions]
         table = table[rows]
         walkers = range(len(rows) - len(frame.walks), len(rows))

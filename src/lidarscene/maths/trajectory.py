@@ -111,7 +111,7 @@ LARGEST_SPEED_M_S = 1e4
 
 LARGEST_YAW_RATE_DEG_S = 36_000.0
 """Choice: largest rate of turn, a hundred turns a second: 18 degrees from one instant of the tables
-(`motion_table.STEP_S`) to the next."""
+(`motion_table.FINE_STEP_S`) to the next."""
 
 ALWAYS = (-math.inf, math.inf)
 """Span of a motion without end."""
@@ -156,6 +156,11 @@ class Course:
     def is_straight(self) -> bool:
         """True without a yaw rate."""
         return self.yaw_rate_rad_s == 0.0
+
+    @property
+    def fastest_turn_rad_s(self) -> float:
+        """The yaw rate, without its sign."""
+        return abs(self.yaw_rate_rad_s)
 
     @property
     def rests(self) -> bool:
@@ -229,6 +234,11 @@ class Riding(_Carried):
         """True if the carrier's motion is straight."""
         return self.carrier.is_straight
 
+    @property
+    def fastest_turn_rad_s(self) -> float:
+        """The carrier's."""
+        return fastest_turn_rad_s(self.carrier)
+
     def at(self, time_s: Numbers) -> States:
         """States of this pose, carried along."""
         return states_alone(self, time_s)
@@ -269,12 +279,14 @@ class Spline:
         poses: (k,) at these times
         smooth: whether the velocity is continuous; else it is constant from one pose to the next, in the body's frame
         closed: whether the velocity goes on from the last pose to the first, as on a loop
+        fastest_turn_rad_s: bound of the rate of turn; infinite if the velocity jumps at poses
     """
 
     time_s: Numbers
     poses: tuple[Pose, ...]
     smooth: bool = True
     closed: bool = False
+    fastest_turn_rad_s: float = field(init=False)
     _segments: _Segments = field(init=False)
 
     def __post_init__(self) -> None:
@@ -286,7 +298,11 @@ class Spline:
         object.__setattr__(self, "time_s", frozen(self.time_s, np.float64, (None,)))
         if len(self.time_s) != len(self.poses) or len(self.poses) < 2 or not (np.diff(self.time_s) > 0.0).all():
             raise ValueError("must be two poses or more, at rising times")
-        object.__setattr__(self, "_segments", _Segments.through(self.time_s, self.poses, self.smooth, self.closed))
+        segments = _Segments.through(self.time_s, self.poses, self.smooth, self.closed)
+        # The twist in a segment is a mean of its three, with weights that add up to 3 / h.
+        turns_rad_s = 3.0 * np.linalg.norm(segments.twists[:, 3:], axis=1).max(axis=0) / segments.length_s
+        object.__setattr__(self, "_segments", segments)
+        object.__setattr__(self, "fastest_turn_rad_s", float(turns_rad_s.max()) if self.smooth else math.inf)
 
     @property
     def span_s(self) -> tuple[float, float]:
@@ -332,6 +348,11 @@ class _BeyondEnds(_Carried):
     def is_straight(self) -> bool:
         """False: what it does changes at the ends of the span."""
         return False
+
+    @property
+    def fastest_turn_rad_s(self) -> float:
+        """The motion's."""
+        return fastest_turn_rad_s(self.motion)
 
     def at(self, time_s: Numbers) -> States:
         """States at any (n,) times."""
@@ -430,6 +451,11 @@ class Repeated(_BeyondEnds):
     def carried(motions: Sequence[Repeated], states: States, time_s: Numbers) -> States:
         """States of the rounds that run."""
         return states
+
+
+def fastest_turn_rad_s(motion: Motion) -> float:
+    """Bound of the rate of turn of a motion [rad/s]; infinite where the motion does not say it."""
+    return float(getattr(motion, "fastest_turn_rad_s", math.inf))
 
 
 def states_of(motions: Sequence[Motion], time_s: Numbers) -> States:

@@ -23,6 +23,7 @@ from ..maths.pose import Pose
 from ..maths.random import ROLLOVERS, Seed
 from ..maths.trajectory import CLOCK_ROUNDING_S, Course, Motion, Riding, motion_in_frame, poses_over
 from ..scan import Scanner
+from ..scan.clock import PulseClock
 from ..scene.scene import Body, Scene
 from ..sensor.sensor_model import Sensor
 from .render_options import NUMBERS, FrameOptions
@@ -165,20 +166,23 @@ class Frame:
         """`PulseClock.before` of pulse 0 since the rollover."""
         return self._scanner.clock.before(self._earlier_pulses)
 
-    def departures(self, pulse: Array, times_s: Array) -> tuple[Any, Any]:
+    def departures(self, pulse: Array, clock: PulseClock) -> tuple[Any, Any]:
         """Times [s] since the first pulse of their frame at which these pulses leave, (n,) on the device.
 
         Args:
             pulse: (n,) numbers on the device; `NO_PULSE` leaves with the first pulse
-            times_s: those of the pulses of a frame, on the device
+            clock: the scanner's, on the device
 
         Returns:
             the times, and the number of the frame, counted from this one
         """
+        # Counted from the first frame's start: the same bits in every frame, so that they can be kept. Single precision
+        # is enough for times within a frame: 0.1 s to 7 ns, in which nothing goes anywhere.
         ops = xp(pulse)
         since = ops.where(pulse >= NO_PULSE, 0, ops.int32(pulse) - transfer.opaque(self.first_pulse))
         number, place = ops.divmod(since, transfer.opaque(self._scanner.pulses))
-        return ops.take(times_s, place), number
+        start_s = clock.time_s(transfer.whole_numbers([0]))
+        return ops.float32(clock.time_s(place) - start_s), number
 
     def placements(
         self, departures: Callable[[], tuple[Any, Any]], rays: int = 1

@@ -150,7 +150,6 @@ class Simulator(HintedAttributes):
         if trace.interactions and not self.world.see_through:
             raise ValueError("world: must let beams go on (see_through) for interactions > 0, got one that does not")
         self._prepare_stages()
-        self._clock = transfer.opaque(sensor.scanner.clock, double=True)
         rings = sensor.rings_by_channel
         self._rings = None if rings is None else transfer.whole_numbers(rings)
         self.class_names = self.world.class_names
@@ -472,7 +471,8 @@ class Simulator(HintedAttributes):
             columns = self._points(launch, frame, numbers)
             if observers.ambient is not None:
                 observers.ambient(
-                    frame.pulses_in_run(np.array(numbers)), launch.values(frame, "ambient").astype(np.uint64)
+                    frame.pulses_in_run(np.arange(numbers.start, numbers.stop)),
+                    launch.values(frame, "ambient").astype(np.uint64),
                 )
             if observers.points is not None:
                 of_points = frame.pulses_in_run(columns.numpy(collect.PULSE_COLUMN))
@@ -513,7 +513,9 @@ class Simulator(HintedAttributes):
             launch.parts = self._trace_continuing(run, launch.part, run.seed_words(options.seed), len(frames))
             since = summary.add_time("trace", since)
             pulses = self.sensor.scanner.pulses
-            placing = Placing.of_frames(frames, options.coordinates, pulses, clock=self._clock, rings=self._rings)
+            placing = Placing.of_frames(
+                frames, options.coordinates, pulses, clock=self.numbering.clock, rings=self._rings
+            )
             launch.columns = self._columns(run, launch.parts, placing)
         summary.add_time("collect", since)
 

@@ -153,7 +153,12 @@ class DevicePulses:
 
 
 class Numbering:
-    """Pulses of each chunk; their order and times, the same in every frame, are cached for `CACHED` chunks."""
+    """Pulses of each chunk; their order and times, the same in every frame, are cached for `CACHED` chunks.
+
+    Attributes:
+        clock: the scanner's, on the device
+        whole: pulses of a frame that stay in one chunk
+    """
 
     def __init__(self, scanner: Scanner, *, tiled: bool, whole: int = 1) -> None:
         """Number the pulses of a scanner; a chunk of more than a frame is several whole frames, each in an order alike.
@@ -166,7 +171,7 @@ class Numbering:
         self._tiling = Tiling.from_scanner(scanner) if tiled else None
         self._orders: dict[int, Order] = {}
         self._departures: dict[tuple[int, int], tuple[Any, Any]] = {}
-        self._times_s: Any = None  # of the pulses of a frame, on the device
+        self.clock = transfer.opaque(scanner.clock, double=True)
 
     @property
     def step(self) -> int:
@@ -201,12 +206,7 @@ class Numbering:
         """Pulses of a frame by their numbers, (n,) on the device."""
 
         def departures() -> tuple[Any, Any]:
-            if self._times_s is None:
-                # Counted from the first frame's start: the same bits in every frame. Single precision is enough for
-                # times within a frame: 0.1 s to 7 ns, in which nothing goes anywhere.
-                time_s = self._scanner.time_s(np.arange(self._scanner.pulses, dtype=np.uint32))
-                self._times_s = transfer.from_numpy(time_s - time_s[0])
-            leaving = frame.departures(number, self._times_s)
+            leaving = frame.departures(number, self.clock)
             transfer.start(leaving)
             return leaving
 

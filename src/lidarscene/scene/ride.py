@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..maths.arrays import Numbers
-from ..maths.trajectory import Motion, States, cross, states_alone, states_of
+from ..maths.trajectory import Motion, States, cross, fastest_turn_rad_s, states_alone, states_of
 from ..physics.road.suspension import Suspension
 
 STEP_S = 0.005
@@ -69,6 +69,11 @@ class Ride:
     def is_straight(self) -> bool:
         """False: it heaves, pitches and rolls."""
         return False
+
+    @property
+    def fastest_turn_rad_s(self) -> float:
+        """That of the path, beside which heave, pitch and roll are slow."""
+        return fastest_turn_rad_s(self.path)
 
     def at(self, time_s: Numbers) -> States:
         """States at (n,) times in the span; beyond it, those at its end."""
