@@ -129,7 +129,7 @@ def solve(
         node = np.clip(step * np.rint(place / step), *bounds)
         above, below = np.clip(node + moves, *bounds), np.clip(node - moves, *bounds)
         rises = np.subtract(*np.split(laws(np.vstack([above, below])), 2))
-        return np.vstack([np.linalg.solve(above - below, rises).T * root[:, None], np.diag(1.0 / width)])
+        return np.vstack([np.linalg.lstsq(above - below, rises, rcond=None)[0].T * root[:, None], np.diag(1.0 / width)])
 
     rules: dict[str, Any] = {"x_scale": "jac", "max_nfev": MOST_STEPS, "xtol": 1e-5, "ftol": 1e-4}
     moves, sigma, weight = step * np.eye(len(expected)), spread(places[0]), np.ones_like(recorded.value)
