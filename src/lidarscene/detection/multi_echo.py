@@ -118,8 +118,7 @@ class Rises(Received):
         power, _, bend = self.wave.at(state.highest)
         highest_w = ops.where(lit, power, 0.0)
         curved = timing.curvature_of(self, power, bend, mask=lit)
-        gain, _ = timing.gains(self, curved)
-        signal, probability = comparator.expectation(replace(self, point=point), gain * highest_w, curvature=curved)
+        signal, probability = comparator.expectation(replace(self, point=point), highest_w, curvature=curved)
         return Found(
             stops=tuple(self._with_status(stop) for stop in state.stops),
             tripped=state.tripped,
