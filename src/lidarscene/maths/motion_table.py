@@ -28,9 +28,9 @@ STEP_S = 1.25e-3
 3 um on an arc at 30 m/s and 30 degrees/s: less than the rounding of a place 200 m away. A jump of the speed by v is
 off by v h / 4 within that step."""
 
-FASTEST_TURN_RAD_S = 6.0
+FASTEST_TURN_RAD_S = 8.0
 """Choice: rate of turn of a motion, anywhere on it, up to which steps are `STEP_S` long: what turns so fast is off by
-7 um 1 m from its origin. People turn more slowly, and vehicles much more."""
+13 um 1 m from its origin. People turn more slowly, and vehicles much more."""
 
 FINE_STEP_S = 5e-4
 """Accuracy bought: longest step where something turns faster, or where nobody knows how fast, such as a motion that
