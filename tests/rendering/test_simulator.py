@@ -194,7 +194,7 @@ def test_launches_of_a_sequence_are_alike(
 
 
 def test_a_body_in_the_sensor_is_a_mistake_of_its_own_frame() -> None:
-    """A wall far from the origin goes through the sensor in the third of five frames, which go together else."""
+    """A wall far from the origin goes through the sensor in the third of five frames; no launch has that frame."""
     place = Pose.from_degrees(position_m=(300.0, -200.0, 1.0))
     wall = chain.box(at=(301.0, -200.0, 0.0), size_m=(0.2, 4.0, 3.0))
     wall = moving(wall, "wall", Course(start=wall.pose, velocity_m_s=(-5.0, 0.0, 0.0)))

@@ -25,7 +25,7 @@ from ..files.spool import Spool
 from ..formats.cloud_columns import frame_starts_s, sensor_positions_m
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
-from ..maths.trajectory import Riding, motion_in_frame
+from ..maths.trajectory import Riding, clipped, motion_in_frame
 from ..scene.scene import Ball, Body, Part, Scene, box_of
 from ..scene.scene_file import SceneChoice, load_scene
 from .kinds import kind_of
@@ -216,8 +216,8 @@ class BoxTally:
             return
         # As seen from the sensor then, but placed from its pose at the start of the frame. The vehicle is asked once
         # for all bodies: on springs one time costs as much as a hundred.
-        ego_start = self._ego.at(np.clip(starts_s, *self._ego.span_s))
-        ego_seen = self._ego.at(np.clip(seen_s, *self._ego.span_s))
+        ego_start = self._ego.at(clipped(starts_s, self._ego))
+        ego_seen = self._ego.at(clipped(seen_s, self._ego))
         self._boxes = [
             replace(box, pose=ego_start.pose(number) @ ego_seen.pose(number).inverse() @ box.pose)
             for number, box in enumerate(self._boxes)
@@ -392,7 +392,7 @@ def _carried(box: Box, body: Body, start_s: float, time_s: float) -> Box:
         return box
     carried = body.pose.inverse() @ box.pose
     motion = Riding(carrier=motion_in_frame(body.motion, start_s), pose=carried)
-    states = motion.at(np.clip([time_s], *motion.span_s))
+    states = motion.at(clipped(np.array([time_s]), motion))
     return replace(box, pose=states.pose(), velocity_m_s=states.velocity_m_s[0])
 
 

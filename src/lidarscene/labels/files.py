@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -145,7 +145,7 @@ class LabelTables:
     bodies: Lanes
 
     @classmethod
-    def of_scene(cls, scene: Scene, class_names: tuple[str, ...]) -> LabelTables:
+    def of_scene(cls, scene: Scene, class_names: Sequence[str]) -> LabelTables:
         """Build for a scene, and the classes of a cloud of it."""
         kinds = [kind_of(name) for name in class_names]
         numbers = [*(kind.semantic_kitti + _THING * kind.is_thing for kind in kinds), UNLABELLED]

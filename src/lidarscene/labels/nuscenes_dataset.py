@@ -27,7 +27,7 @@ from ..formats.kitti import rows_stream
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..maths.rotations import quaternion
-from ..maths.trajectory import Course, Motion, pose_at
+from ..maths.trajectory import Course, Motion, clipped, pose_at
 from ..scene.scene import Part, Scene
 from .boxes import Box, GatheredBoxes, sensor_place, truth_of
 from .files import Append, nuscenes_annotation
@@ -251,7 +251,7 @@ def write_map(path: Path, scene: Scene, corner_m: Numbers, size_px: tuple[int, i
 def path_of_drive(motion: Motion, begin_s: float, end_s: float) -> Numbers:
     """(n, 3) places of a motion, some metres apart, within its span."""
     times_s = np.linspace(begin_s, end_s, 2 + int(10 * (end_s - begin_s)))
-    return motion.at(np.clip(times_s, *motion.span_s)).position_m
+    return motion.at(clipped(times_s, motion)).position_m
 
 
 # --- tables -----------------------------------------------------------------------------------------

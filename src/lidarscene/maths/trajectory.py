@@ -91,8 +91,14 @@ def pose_at(motion: Motion, time_s: float = 0.0) -> Pose:
 def poses_over(motion: Motion, time_s: Numbers) -> list[Pose]:
     """Poses of a motion at (n,) times, as `pose_at` bit for bit."""
     # Each time as if alone: NumPy rounds a product of one row of a matrix otherwise than that of many.
-    states = states_of([motion] * len(time_s), np.clip(time_s, *motion.span_s)[:, None])
+    states = states_of([motion] * len(time_s), clipped(time_s, motion)[:, None])
     return [states.taken(row).pose() for row in range(len(time_s))]
+
+
+def clipped(time_s: Numbers, motion: Motion) -> Numbers:
+    """Clip (n,) times to the span of a motion; `numpy.clip` takes three times as long for some fifty."""
+    first_s, last_s = motion.span_s
+    return np.minimum(np.maximum(time_s, first_s), last_s)
 
 
 def poses_at(motions: Sequence[Motion | None], time_s: float) -> list[Pose | None]:
@@ -324,7 +330,7 @@ class Spline:
         segments = np.zeros(time_s.shape, dtype=np.int64)
         since_s, first = np.zeros(time_s.shape), 0
         for row, motion in enumerate(motions):
-            times = np.clip(time_s[row], *motion.span_s)
+            times = clipped(time_s[row], motion)
             segment = np.clip(np.searchsorted(motion.time_s, times, side="right") - 1, 0, len(motion.poses) - 2)
             since_s[row], segments[row] = times - motion.time_s[segment], first + segment
             first += len(motion.poses) - 1
@@ -360,7 +366,7 @@ class _BeyondEnds(_Carried):
 
     def carrier_at(self, time_s: Numbers) -> tuple[Motion, Numbers]:
         """The motion, at times clipped to its span."""
-        return self.motion, np.clip(time_s, *self.motion.span_s)
+        return self.motion, clipped(time_s, self.motion)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

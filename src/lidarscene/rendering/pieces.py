@@ -26,7 +26,7 @@ _worlds: WeakValueDictionary[tuple[object, ...], World] = WeakValueDictionary()
 
 def pieces_of(scene: Scene, times_s: Sequence[float]) -> Sequence[Piece | None]:
     """Pieces in which the ego vehicle is at these times; None for a scene that is not cut."""
-    if scene.ego is None or math.isinf(scene.reach_m):
+    if scene.ego is None or math.isinf(scene.reach_m) or not times_s:
         return [None] * len(times_s)
     places_m = [pose.position_m for pose in poses_over(scene.ego, np.array(times_s))]
     return [(math.floor(x_m / scene.reach_m), math.floor(y_m / scene.reach_m)) for x_m, y_m, _ in places_m]

@@ -6,6 +6,7 @@ device. The cloud's metadata say how it was made: scene and sensor by name, seed
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import time
@@ -561,10 +562,11 @@ class Simulator(HintedAttributes):
         with suppress(InputError):  # raised when that frame is rendered
             for own in following:
                 starts_s.append(self.start_s(own))
-        pieces = pieces_of(self.scene, starts_s) if starts_s else []
-        following = following[: next((row for row, piece in enumerate(pieces) if piece != self._piece), len(pieces))]
-        if not following:
+        pieces = pieces_of(self.scene, starts_s)
+        here = list(itertools.takewhile(lambda pair: pair[1] == self._piece, zip(following, pieces, strict=False)))
+        if not here:
             return None
+        following = [own for own, _ in here]
         together = list[tuple[FrameOptions, Frame]]()
         with suppress(InputError):
             for own, frame in zip(following, self._frames(following), strict=True):

@@ -191,7 +191,6 @@ class Numbering:
     def pulses(self, frame: Frame, first: int, count: int) -> DevicePulses:
         """Pulses of a chunk of a frame: ``count`` from number ``first`` on."""
         order = self.lane_order(count)
-
         number = transfer.counter(first, count) if order is None else order.on_device(first)
 
         def departures() -> tuple[Any, Any]:
