@@ -141,6 +141,7 @@ class Travel:
         motions: of the sensor, and of what moves
         start_s: time at which the frame begins
         length_s: its length
+        centre_m: (3,) origin of the traced frame in the world
         carried_m: (m, 2, 3) lowest and highest corner of what each of the last m motions carries, in its frame;
             infinite where it carries nothing, whose box in the traced frame is `NOWHERE`
         walks: of the last motions, those of walkers
@@ -149,6 +150,7 @@ class Travel:
     motions: Sequence[Motion]
     start_s: float
     length_s: float
+    centre_m: Numbers
     carried_m: Numbers | None = None
     walks: Sequence[Strides | None] = ()
 
@@ -202,38 +204,31 @@ class MotionTable:
     first: Lanes = 0
 
     @classmethod
-    def from_motions(cls, motions: Sequence[Motion], *, centre_m: Numbers, **travel: Any) -> MotionTable:
+    def from_motions(cls, motions: Sequence[Motion], **travel: Any) -> MotionTable:
         """Tabulate the motions of one frame.
 
         Args:
             motions: those of `Travel`
-            centre_m: as in `of_frames`
             travel: the other fields of `Travel`
         """
-        return cls.of_frames([Travel(motions=motions, **travel)], centre_m=centre_m)[0]
+        return cls.of_frames([Travel(motions=motions, **travel)])[0]
 
     @classmethod
-    def of_frames(cls, frames: Sequence[Travel], *, centre_m: Numbers) -> list[MotionTable]:
-        """Tabulate the motions of several frames, each table as if alone.
-
-        Args:
-            centre_m: (3,) origin of the traced frame in the world
-        """
+    def of_frames(cls, frames: Sequence[Travel]) -> list[MotionTable]:
+        """Tabulate the motions of several frames, each table as if alone."""
         tables = []
         planned = [(frame, frame.distinct, frame.instants()) for frame in frames]
         for _, alike in itertools.groupby(planned, key=lambda plan: len(plan[2])):
             group = list(alike)
             states = _states_together([distinct for _, distinct, _ in group], [times for _, _, times in group])
-            tables += [cls._of_states(*plan, own, centre_m) for plan, own in zip(group, states, strict=True)]
+            tables += [cls._of_states(*plan, own) for plan, own in zip(group, states, strict=True)]
         return tables
 
     @classmethod
-    def _of_states(
-        cls, frame: Travel, distinct: Sequence[Motion], times: Numbers, states: States, centre_m: Numbers
-    ) -> MotionTable:
+    def _of_states(cls, frame: Travel, distinct: Sequence[Motion], times: Numbers, states: States) -> MotionTable:
         """Tabulate the states of the distinct motions of a frame at its instants."""
         table = np.zeros((*states.position_m.shape[:2], _NUMBERS))
-        table[:, :, :3] = states.position_m - centre_m
+        table[:, :, :3] = states.position_m - frame.centre_m
         table[:, :, 3:7] = _with_continuous_signs(_quaternion(states.rotation))
         table[:, :, 7:10], table[:, :, 10:13] = states.velocity_m_s, states.turning_rad_s
         row_of = {motion: row for row, motion in enumerate(distinct)}

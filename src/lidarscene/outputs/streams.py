@@ -128,10 +128,8 @@ def row_reader(
     """Reader of the rows of a frame's points, for data sets whose files need no more of them; None: clouds are read."""
     if dataset not in OF_ROWS:
         return None
-    cloud, deskewing = simulator.empty(frame), None
-    if deskew:
-        cloud, deskewing = simulator.without_motion(cloud, frame), simulator.deskewing(frame)
-    return DeviceRows(cloud, simulator.scene, deskewing, dataset=dataset, own_car=own_car)
+    deskewing = simulator.deskewing(frame) if deskew else None
+    return DeviceRows(simulator.scene, simulator.class_names, deskewing, dataset=dataset, own_car=own_car)
 
 
 def _truth_filter(outputs: Outputs, append: Append) -> Append:

@@ -45,6 +45,7 @@ class Frame:
         first_pulse: number of its first pulse since then
         scanner_s: time at which the first pulse leaves, by the scanner's clock
         start_s: the same time by the scene's clock, in which motions are given
+        length_s: from its first pulse to its last
         place: pose of the sensor in the world at the start
         vehicle: pose of the ego vehicle in the world at the start
         paths: sampled poses of the sensor (0) and of the world's movers (1, ...); None: nothing moves
@@ -58,6 +59,7 @@ class Frame:
     first_pulse: int
     scanner_s: float
     start_s: float
+    length_s: float
     place: Pose
     vehicle: Pose
     paths: MotionTable | None
@@ -88,6 +90,7 @@ class Frame:
                     motions=[riding, *(_motion_of(mover.body, start_s) for mover in movers)],
                     start_s=start_s,
                     length_s=length_s,
+                    centre_m=world.centre_m,
                     carried_m=mover_boxes(movers, start_s),
                     walks=[mover.walk_in_frame(start_s) for mover in movers],
                 )
@@ -99,6 +102,7 @@ class Frame:
                     first_pulse=since * sensor.scanner.pulses,
                     scanner_s=scanner_s,
                     start_s=start_s,
+                    length_s=length_s,
                     place=vehicle @ riding.pose,
                     vehicle=vehicle,
                     paths=None,
@@ -113,7 +117,7 @@ class Frame:
             return frames
         # Poses at the times of all pulses would be large. So each path is sampled once a frame, and the device
         # interpolates between the samples (`maths.motion_table`).
-        tables = MotionTable.of_frames(travels, centre_m=world.centre_m)
+        tables = MotionTable.of_frames(travels)
         return [replace(frame, paths=paths) for frame, paths in zip(frames, tables, strict=True)]
 
     def standing(self) -> dict[Motion, Pose]:
