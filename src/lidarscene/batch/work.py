@@ -20,7 +20,7 @@ from ..kernel.device.gate import exclusive
 from ..labels.point_rows import PointRows
 from ..maths.trajectory import pose_at
 from ..outputs import run_report
-from ..outputs.closing import Closing, fits_beside_next
+from ..outputs.closing import Closing, frames_at_once
 from ..outputs.streams import row_reader
 from ..rendering.frame import sensor_motion
 from ..rendering.simulator import Simulator, Summary
@@ -155,7 +155,7 @@ def _render(task: FrameTask, store: Store, threads: int, following: int) -> Call
             cloud = simulator.without_motion(cloud, task.frame)
         pieces.append(cloud)
     write = partial(_write, task, store, pieces, run_report.as_dict(summary), simulator, scene)
-    if fits_beside_next(simulator.sensor.scanner.pulses, task.frame.chunk):
+    if frames_at_once(simulator.sensor.scanner.pulses, task.frame.chunk):
         return write
     write()
     return None

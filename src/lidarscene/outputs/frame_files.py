@@ -198,7 +198,9 @@ class FrameFiles:
         if outputs.dataset is not None:
             if key == ("deskewed" if outputs.is_deskewed else "output"):
                 label = next(iter(self.simulators))
-                yield self.files["output"], dataset_stream(outputs, label, self.frame.number, self.scene)
+                in_turn = (lambda: None) if self.closing is None else self.closing.in_turn()
+                stream = dataset_stream(outputs, label, self.frame.number, self.scene, in_turn=in_turn)
+                yield self.files["output"], stream
         elif key in self.files and self.capture is None:
             points = sum(simulator.sensor.scanner.pulses * simulator.sensor.tdc.stops for simulator in self._simulators)
             path = self.files[key]

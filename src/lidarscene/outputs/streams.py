@@ -112,13 +112,16 @@ LOGGED_IMAGES = ("range", "intensity", "ambient")
 
 
 @contextmanager
-def dataset_stream(outputs: Outputs, label: str, number: int, scene: Scene) -> Iterator[Append]:
-    """Write the clouds that are appended in the block as a frame of a data set."""
+def dataset_stream(
+    outputs: Outputs, label: str, number: int, scene: Scene, *, in_turn: Callable[[], object]
+) -> Iterator[Append]:
+    """Write the clouds that are appended in the block as a frame of a data set; ``in_turn`` as of `frame_stream`."""
     if outputs.dataset is None:
         raise ValueError("dataset: must be given, got none")
     # Labels are made of the ground truth, and the points of a data set have none: `Outputs.truth` changes nothing here.
     folder = outputs.place / label
-    with frame_stream(outputs.dataset, folder, number, scene, all_around=outputs.all_around) as append:
+    options = {"all_around": outputs.all_around, "in_turn": in_turn}
+    with frame_stream(outputs.dataset, folder, number, scene, **options) as append:
         yield append
 
 
