@@ -151,10 +151,12 @@ class LabelTables:
         numbers = [*(kind.semantic_kitti + _THING * kind.is_thing for kind in kinds), UNLABELLED]
         bodies = np.full(len(scene.bodies) + 1, _AS_CLASS, np.int32)
         for index, body in enumerate(scene.bodies):
+            if body.motion is None:
+                continue
             if body.rides_with(scene.ego):
                 # As with boxes: a network is to learn what the vehicle meets, not its own roof.
                 bodies[index] = -1 - UNLABELLED
-            elif body.motion is not None and not (isinstance(body.motion, Course) and body.motion.rests):
+            elif not (isinstance(body.motion, Course) and body.motion.rests):
                 bodies[index] = MOVING.get(kind_of(body.class_name).semantic_kitti, _AS_CLASS)
         return cls(np.array(numbers, np.int32), bodies)
 

@@ -120,14 +120,14 @@ class Frame:
         tables = MotionTable.of_frames(travels)
         return [replace(frame, paths=paths) for frame, paths in zip(frames, tables, strict=True)]
 
-    def standing(self) -> dict[Motion, Pose]:
-        """Poses of the bodies that move and that the frame shows, as it begins, by their motions."""
+    def standing(self) -> dict[Motion, tuple[Numbers, Numbers]]:
+        """Places and rotations of the bodies that move and that the frame shows, as it begins, by their motions."""
         if self.paths is None:
             return {}
         places_m, rotations = self.paths.at_start()
         rows = zip(self.movers, places_m[1:] + self._centre_m, rotations[1:], strict=True)
-        shown = ((body.motion, place_m, rotation) for body, place_m, rotation in rows if body.is_present(self.start_s))
-        return {motion: Pose(position_m=place_m, rotation=rotation) for motion, place_m, rotation in shown if motion}
+        shown = ((body.motion, *place) for body, *place in rows if body.is_present(self.start_s))
+        return {motion: (place_m, rotation) for motion, place_m, rotation in shown if motion}
 
     def goes_with(self, other: Frame) -> bool:
         """Whether its pulses and those of another frame can be traced together."""

@@ -581,7 +581,7 @@ class Simulator(HintedAttributes):
         together = list[tuple[FrameOptions, Frame]]()
         with suppress(InputError):
             for own, frame in zip(following, self._frames(following), strict=True):
-                self._check_clearance(frame.place, frame.start_s, frame.standing())
+                self._check_clearance(frame.place, frame.start_s, standing=frame.standing())
                 first = together[0][1] if together else frame
                 if not frame.goes_with(first):
                     break
@@ -766,7 +766,7 @@ class Simulator(HintedAttributes):
 
     def _frame(self, options: FrameOptions) -> Frame:
         (frame,) = self._frames([options])
-        self._check_clearance(frame.place, frame.start_s, frame.standing())
+        self._check_clearance(frame.place, frame.start_s, standing=frame.standing())
         return frame
 
     def _frames(self, options: Sequence[FrameOptions]) -> list[Frame]:
@@ -789,15 +789,10 @@ class Simulator(HintedAttributes):
             self._prepare_stages()
         return self._frame(options)
 
-    def _check_clearance(self, place: Pose, start_s: float, standing: Mapping[Motion, Pose] | None = None) -> None:
+    def _check_clearance(self, place: Pose, start_s: float, **standing: Any) -> None:
         """Raise InputError for a sensor on or in a surface; ``standing`` as for `Clearance.check`."""
-        self.clearance.check(
-            place.position_m,
-            radius_m=float(self.sensor.housing_m),
-            time_s=start_s,
-            sensor=self.sensor.name,
-            standing=standing or {},
-        )
+        radius_m, sensor = float(self.sensor.housing_m), self.sensor.name
+        self.clearance.check(place.position_m, radius_m=radius_m, time_s=start_s, sensor=sensor, **standing)
 
     def _description(self, frame: Frame, options: FrameOptions) -> dict[str, Any]:
         """Names and metadata of the frame's cloud."""

@@ -234,10 +234,7 @@ class Body(HintedAttributes):
 
     def rides_with(self, ego: Motion | None) -> bool:
         """Whether the body is fixed to the ego vehicle, whose motion this is."""
-        # Asked of each body of a scene in turn: most stand still, and the kind of a motion takes long to tell.
-        if ego is None or self.motion is None:
-            return False
-        return isinstance(self.motion, Riding) and self.motion.carrier is ego
+        return ego is not None and isinstance(self.motion, Riding) and self.motion.carrier is ego
 
 
 class Bodies(HintedAttributes, tuple[Body, ...]):
