@@ -29,7 +29,7 @@ from ..maths.arrays import Numbers, frozen
 from ..maths.attributes import HintedAttributes
 from ..maths.motion_table import Strides
 from ..maths.pose import Pose, direction_from_angles
-from ..maths.trajectory import ALWAYS, CLOCK_ROUNDING_S, Motion, Riding, motion_in_frame, pose_at
+from ..maths.trajectory import ALWAYS, CLOCK_ROUNDING_S, Motion, Riding, States, motion_in_frame, pose_at
 from ..maths.units import FileKey, Quantity
 from ..physics.optics import air
 from ..sensor.pose_file import Placed, pose_keys, to_pose
@@ -225,12 +225,16 @@ class Body(HintedAttributes):
 
     def posed(self, time_s: float, start_s: float) -> Body:
         """Return the body as its stride has it at a time of a frame that begins at ``start_s``; else unchanged."""
+        parts = self.parts_at(time_s, start_s)
+        return self if parts is self.parts else replace(self, parts=parts, gait=None)
+
+    def parts_at(self, time_s: float, start_s: float, states: States | None = None) -> tuple[Part | Ball, ...]:
+        """Return the parts of `posed`, without the body's pose, which takes long; ``states`` of its motion if known."""
         walk = self.walk_in_frame(start_s)
         if walk is None:
-            return self
-        phase, level = walk(np.array([time_s]))[0].tolist()
-        parts = (part.posed(phase, level) if isinstance(part, Part) else part for part in self.parts)
-        return replace(self, parts=tuple(parts), gait=None)
+            return self.parts
+        phase, level = walk(np.array([time_s]), states)[0].tolist()
+        return tuple(part.posed(phase, level) if isinstance(part, Part) else part for part in self.parts)
 
     def rides_with(self, ego: Motion | None) -> bool:
         """Whether the body is fixed to the ego vehicle, whose motion this is."""
