@@ -230,6 +230,7 @@ def test_wall(given: str, named: str) -> None:
     [street]\nslope_percent = [8, 30] | street.slope_percent | <= 15 | 30
     [street]\nhouse_share = [0, 2] | street.house_share | <= 1 | 2
     [street]\nloop = true\nlength_m = 300 | length_m | loop | >= 443 m | 300
+    [street]\ncorners = "junctions" | street | corners | needs loop = true
     [street]\nlane = 2 | 'street.lane'
     extends = "drove" | scene 'drove' | drive
     extends = "scene.toml" | extends | scene.toml extends this file
