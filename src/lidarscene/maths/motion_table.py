@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -23,19 +23,20 @@ from .pose import Pose, rotation_numbers
 from .trajectory import Motion, States, fastest_turn_rad_s, states_of
 from .vectors import Vector
 
-STEP_S = 1.25e-3
-"""Accuracy bought: longest step of the tables. Linear interpolation is off by 2 um at 10 m/s2, 2 urad at 10 rad/s2, and
-3 um on an arc at 30 m/s and 30 degrees/s: less than the rounding of a place 200 m away. A jump of the speed by v is
-off by v h / 4 within that step."""
+STEP_S = 5e-3
+"""Accuracy bought: longest step of the tables. Cubic curves that meet places and velocities at the instants are off by
+h^4 / 384 of the fourth derivative: 7 pm on an arc at 30 m/s and 30 degrees/s. A jump of the acceleration by a is off by
+up to a h^2 / 32, 8 um at 10 m/s2, and one of the speed by v by up to v h / 4, within that step. Velocities are on
+straight lines between the instants: off by 0.03 mm/s on that arc."""
 
 FASTEST_TURN_RAD_S = 8.0
-"""Choice: rate of turn of a motion, anywhere on it, up to which steps are `STEP_S` long: what turns so fast is off by
-13 um 1 m from its origin. People turn more slowly, and vehicles much more."""
+"""Choice: rate of turn of a motion, anywhere on it, up to which steps are `STEP_S` long: the velocity of what turns so
+fast is off by 0.02 %, its place 1 m from the axis by 7 nm. People turn more slowly, and vehicles much more."""
 
 FINE_STEP_S = 5e-4
 """Accuracy bought: longest step where something turns faster, or where nobody knows how fast, such as a motion that
-jumps from pose to pose: an antenna that reaches 1 m and turns twice a second is off by 5 um, one that turns ten times a
-second by 0.12 mm."""
+jumps from pose to pose: the velocity of an antenna that turns ten times a second is off by 0.012 %, its place 1 m from
+the axis by 2.5 nm."""
 
 NOWHERE = ((math.inf,) * 3, (-math.inf,) * 3)
 """Lowest and highest corner of a box that nothing is in, and that no ray passes."""
@@ -155,13 +156,13 @@ class Travel:
     walks: Sequence[Strides | None] = ()
 
     @property
-    def distinct(self) -> list[Motion]:
-        """Each motion once: all that a vehicle carries rides on it, and what a frame does not show rests."""
-        return list(dict.fromkeys(self.motions))
+    def distinct(self) -> dict[Motion, int]:
+        """Each motion once, with its number: what a vehicle carries rides on it, what a frame does not show rests."""
+        return {motion: row for row, motion in enumerate(dict.fromkeys(self.motions))}
 
     def instants(self) -> Numbers:
         """(n,) times of the table."""
-        # Between two instants everything goes straight on: where it does so anyway, two are enough.
+        # What goes straight on and never turns is exact between two instants.
         bends = not all(motion.is_straight for motion in self.motions)
         fastest = max(map(fastest_turn_rad_s, self.motions), default=0.0)
         step_s = STEP_S if fastest <= FASTEST_TURN_RAD_S else FINE_STEP_S
@@ -169,16 +170,43 @@ class Travel:
         return self.start_s + np.linspace(0.0, self.length_s, steps + 1)
 
 
-def _states_together(distinct: Sequence[Sequence[Motion]], instants: Sequence[Numbers]) -> list[States]:
-    """States of the distinct motions of frames of as many instants each, (motions, instants, ...)."""
-    motions = [motion for own in distinct for motion in own]
-    times = np.repeat(instants, [len(own) for own in distinct], axis=0)
+_Plan = tuple[Travel, dict[Motion, int], Numbers]
+"""A frame, its `Travel.distinct` motions and its instants; those of a list have as many instants each."""
+
+
+def _states_together(plans: Sequence[_Plan]) -> list[States]:
+    """States of the distinct motions of several frames, (motions, instants, ...)."""
+    counts = [len(distinct) for _, distinct, _ in plans]
+    motions = [motion for _, distinct, _ in plans for motion in distinct]
+    times = np.repeat([times for _, _, times in plans], counts, axis=0)
     # So many together as processors hold in their caches.
     many = max(_TOGETHER // times.shape[1], 1)
     parts = [slice(first, first + many) for first in range(0, len(motions), many)]
     states = States.joined([states_of(motions[part], times[part]) for part in parts])
-    ends = itertools.accumulate(map(len, distinct))
-    return [states.taken(slice(end - len(own), end)) for own, end in zip(distinct, ends, strict=True)]
+    ends = itertools.accumulate(counts)
+    return [states.taken(slice(end - count, end)) for count, end in zip(counts, ends, strict=True)]
+
+
+def _strides_together(plans: Sequence[_Plan], states: Sequence[States]) -> list[dict[int, Numbers]]:
+    """Phases and levels (instants, 2) of the walkers of several frames, by numbers of their motions.
+
+    Those of a walker are computed together: NumPy takes as long for one frame as for ten.
+    """
+    strides: list[dict[int, Numbers]] = [{} for _ in plans]
+    places: dict[Strides, list[tuple[int, int]]] = {}
+    for place, (frame, _, _) in enumerate(plans):
+        for number, walk in enumerate(frame.walks, start=len(frame.motions) - len(frame.walks)):
+            if walk is not None:
+                places.setdefault(walk, []).append((place, number))
+    for walk, own in places.items():
+        walked = []
+        for place, number in own:
+            frame, distinct, _ = plans[place]
+            walked.append(states[place].taken(distinct[frame.motions[number]]))
+        together = walk(np.concatenate([plans[place][2] for place, _ in own]), States.joined(walked))
+        for (place, number), stride in zip(own, together.reshape(len(own), -1, 2), strict=True):
+            strides[place][number] = stride
+    return strides
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -219,31 +247,31 @@ class MotionTable:
         tables = []
         planned = [(frame, frame.distinct, frame.instants()) for frame in frames]
         for _, alike in itertools.groupby(planned, key=lambda plan: len(plan[2])):
-            group = list(alike)
-            states = _states_together([distinct for _, distinct, _ in group], [times for _, _, times in group])
-            tables += [cls._of_states(*plan, own) for plan, own in zip(group, states, strict=True)]
+            plans = list(alike)
+            states = _states_together(plans)
+            own = zip(plans, states, _strides_together(plans, states), strict=True)
+            tables += [cls._of_states(plan, *computed) for plan, *computed in own]
         return tables
 
     @classmethod
-    def _of_states(cls, frame: Travel, distinct: Sequence[Motion], times: Numbers, states: States) -> MotionTable:
-        """Tabulate the states of the distinct motions of a frame at its instants."""
+    def _of_states(cls, plan: _Plan, states: States, strides: Mapping[int, Numbers]) -> MotionTable:
+        """Tabulate the states of a frame's distinct motions at its instants, and the strides of its walkers."""
+        frame, distinct, times = plan
         table = np.zeros((*states.position_m.shape[:2], _NUMBERS))
         table[:, :, :3] = states.position_m - frame.centre_m
         table[:, :, 3:7] = _with_continuous_signs(_quaternion(states.rotation))
         table[:, :, 7:10], table[:, :, 10:13] = states.velocity_m_s, states.turning_rad_s
-        row_of = {motion: row for row, motion in enumerate(distinct)}
-        rows = [row_of[motion] for motion in frame.motions]
-        table = table[rows]
-        walkers = range(len(rows) - len(frame.walks), len(rows))
-        for number, walk in zip(walkers, frame.walks, strict=True):
-            if walk is not None:
-                table[number, :, 13:15] = walk(times, states.taken(rows[number]))
-                table[number, :, 13] -= np.floor(table[number, 0, 13])  # small, for single precision
-        boxes = None
+        table = table[[distinct[motion] for motion in frame.motions]]
+        for number, stride in strides.items():
+            table[number, :, 13:15] = stride
+            table[number, :, 13] -= np.floor(stride[0, 0])  # small, for single precision
+        boxes, steps = None, len(times) - 1
         if frame.carried_m is not None:
-            boxes = BoxTree.from_boxes(_swept_boxes(table[len(table) - len(frame.carried_m) :], frame.carried_m))
-        steps = len(times) - 1
-        return cls(table=table.ravel(), rate_hz=steps / frame.length_s, last=float(steps), count=len(rows), boxes=boxes)
+            movers = table[len(table) - len(frame.carried_m) :]
+            boxes = BoxTree.from_boxes(_swept_boxes(movers, frame.carried_m, frame.length_s / steps))
+        return cls(
+            table=table.ravel(), rate_hz=steps / frame.length_s, last=float(steps), count=len(table), boxes=boxes
+        )
 
     @classmethod
     def joined(cls, tables: Sequence[MotionTable]) -> MotionTable:
@@ -287,13 +315,16 @@ class MotionTable:
         def row(first: Lanes) -> list[Lanes]:
             return [number for four in range(_NUMBERS // 4) for number in ops.take_four(self.table, first + four)]
 
-        rows = list(zip(row(first), row(first + _NUMBERS // 4), strict=True))
-        x, y, z, qw, qx, qy, qz, vx, vy, vz, wx, wy, wz, phase, level, _ = (
-            before + share * (after - before) for before, after in rows
-        )
-        rate_hz, level_rate_hz = ((after - before) * self.rate_hz for before, after in rows[13:15])
-        # A linear mix of two unit quaternions is shorter than one; normalised, it is a rotation again.
+        before, after = row(first), row(first + _NUMBERS // 4)
+        vx, vy, vz, wx, wy, wz, phase, level = _straight(before[7:15], after[7:15], share)
+        x, y, z = _curve(before[:3], after[:3], before[7:10], after[7:10], share, self.rate_hz)
+        q0, q1 = before[3:7], after[3:7]
+        # A mix of two unit quaternions is not one; normalised, it is a rotation again.
+        qw, qx, qy, qz = _curve(q0, q1, _turning(q0, before[10:13]), _turning(q1, after[10:13]), share, self.rate_hz)
         length = ops.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
+        rate_hz, level_rate_hz = (
+            (end - start) * self.rate_hz for start, end in zip(before[13:15], after[13:15], strict=True)
+        )
         return Placement(
             origin_m=(x, y, z),
             rotation=rotation_numbers(qw / length, qx / length, qy / length, qz / length),
@@ -301,6 +332,38 @@ class MotionTable:
             turning_rad_s=(wx, wy, wz),
             stride=StridePlace(phase=phase, level=level, rate_hz=rate_hz, level_rate_hz=level_rate_hz),
         )
+
+
+def _straight(before: Sequence[Lanes], after: Sequence[Lanes], share: Lanes) -> list[Lanes]:
+    """Return numbers on straight lines between two instants, at a share of the step."""
+    return [start + share * (end - start) for start, end in zip(before, after, strict=True)]
+
+
+def _curve(
+    before: Sequence[Lanes],
+    after: Sequence[Lanes],
+    rate_before: Sequence[Lanes],
+    rate_after: Sequence[Lanes],
+    share: Lanes,
+    rate_hz: Lanes,
+) -> list[Lanes]:
+    """Return numbers on cubic curves between two instants, whose rates [1/s] there are met too (Hermite)."""
+    # As a straight line and what bulges from it: single precision keeps what is small.
+    rest, step_s = 1.0 - share, 1.0 / rate_hz
+    bulge = share * rest
+    return [
+        start
+        + share * (end - start)
+        + bulge * (rest * (step_s * u - (end - start)) - share * (step_s * v - (end - start)))
+        for start, end, u, v in zip(before, after, rate_before, rate_after, strict=True)
+    ]
+
+
+def _turning(quaternion: Sequence[Lanes], turning_rad_s: Sequence[Lanes]) -> tuple[Lanes, Lanes, Lanes, Lanes]:
+    """Rates [1/s] of a quaternion, (0, w) q / 2, of a frame that turns with w in its parent's axes."""
+    w, x, y, z = quaternion
+    a, b, c = (0.5 * rate for rate in turning_rad_s)
+    return -a * x - b * y - c * z, a * w + b * z - c * y, b * w + c * x - a * z, c * w + a * y - b * x
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -320,7 +383,7 @@ class MovingBodies:
         return self.motions.placement(self.time_s, body_index + 1)
 
 
-def _swept_boxes(table: Numbers, carried_m: Numbers) -> Numbers:
+def _swept_boxes(table: Numbers, carried_m: Numbers, step_s: float) -> Numbers:
     """Return (m, 2, 3) boxes which hold what m motions carry, at all times; (m, instants, 16) `MotionTable.table`."""
     carries = np.asarray(np.isfinite(carried_m).all(axis=(1, 2)))
     boxes = np.broadcast_to(NOWHERE, carried_m.shape).copy()
@@ -328,20 +391,32 @@ def _swept_boxes(table: Numbers, carried_m: Numbers) -> Numbers:
         return boxes
     carried_m = carried_m[carries]
     # Numbers first: NumPy is slow along axes of three.
-    numbers = np.moveaxis(table[carries, :, :7], -1, 0).copy()
-    rotation = np.stack(rotation_numbers(*numbers[3:])).reshape(3, 3, *numbers.shape[1:])
+    numbers = np.moveaxis(table[carries, :, :13], -1, 0).copy()
+    quaternion = numbers[3:7]
+    rotation = np.stack(rotation_numbers(*quaternion)).reshape(3, 3, *numbers.shape[1:])
     centre, half = carried_m.mean(axis=1), np.ptp(carried_m, axis=1) / 2.0
     # A turned box reaches |R| times its half widths along the axes of the traced frame.
     middle, reach = numbers[:3] + _turned(rotation, centre), _turned(np.abs(rotation), half)
     low, high = (middle - reach).min(axis=2).T, (middle + reach).max(axis=2).T
     # A corner at r from the origin of its frame leaves the straight line between two instants by less than r times the
-    # change of the rotation. The rest is for single precision: some ten roundings of a coordinate.
+    # change of the rotation, twice as much where the quaternion's curve bulges, and as much as the origin's curve
+    # bulges. The rest is for single precision: some ten roundings of a coordinate.
     corner_m = np.linalg.norm(np.abs(carried_m).max(axis=1), axis=1)
     a, b, c, d, e, f, g, h, i = np.square(np.diff(rotation, axis=3)).reshape(9, len(carried_m), -1)
     turned = np.sqrt((((a + b) + (c + d)) + ((e + f) + (g + h)) + i).max(axis=1))
-    room = corner_m * turned + 1e-4 + 2e-6 * np.abs([low, high]).max(axis=(0, 2))
-    boxes[carries] = np.stack([low - room[:, None], high + room[:, None]], axis=1)
+    bulge_m = _bulge(numbers[:3], numbers[7:10], step_s).T
+    twist = np.linalg.norm(_bulge(quaternion, np.stack(_turning(quaternion, numbers[10:13])), step_s), axis=0)
+    room = corner_m * (turned + 4.0 * twist) + 1e-4 + 2e-6 * np.abs([low, high]).max(axis=(0, 2))
+    room = room[:, None] + bulge_m
+    boxes[carries] = np.stack([low - room, high + room], axis=1)
     return boxes
+
+
+def _bulge(values: Numbers, rates: Numbers, step_s: float) -> Numbers:
+    """Bound by which `_curve` leaves straight lines, (k, m), of (k, m, instants) values and rates [1/s]."""
+    straight = np.diff(values, axis=2)
+    apart = np.abs(step_s * rates[..., :-1] - straight) + np.abs(step_s * rates[..., 1:] - straight)
+    return np.asarray(4.0 / 27.0 * apart.max(axis=2))
 
 
 def _turned(matrix: Numbers, vector: Numbers) -> Numbers:
