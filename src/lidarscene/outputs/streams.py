@@ -10,6 +10,7 @@ import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -119,9 +120,8 @@ def dataset_stream(
     if outputs.dataset is None:
         raise ValueError("dataset: must be given, got none")
     # Labels are made of the ground truth, and the points of a data set have none: `Outputs.truth` changes nothing here.
-    folder = outputs.place / label
-    options = {"all_around": outputs.all_around, "in_turn": in_turn}
-    with frame_stream(outputs.dataset, folder, number, scene, **options) as append:
+    stream = partial(frame_stream, outputs.dataset, outputs.place / label, number, scene)
+    with stream(all_around=outputs.all_around, in_turn=in_turn) as append:
         yield append
 
 
