@@ -149,6 +149,30 @@ def test_the_tilt_is_that_of_pose_angles() -> None:
     np.testing.assert_allclose(states.rotation[0], expected, atol=1e-14)
 
 
+@pytest.mark.parametrize("speed_m_s", [1.2, 3.4])
+def test_who_has_no_wheels_steps_up_a_kerb_and_climbs_a_slope(speed_m_s: float) -> None:
+    """13 cm up within half a second, at 8 / (3 T) 0.13 m/s at most, half of it at the kerb; a slope as it is.
+
+    Velocities are differences of the places, in the middle of two blocks and from one to the next.
+    """
+
+    def height_m(place_m: np.ndarray) -> np.ndarray:
+        return np.where(place_m[:, 0] > 5.0 * speed_m_s, 0.13, 0.0) + 0.08 * place_m[:, 1]
+
+    path = Course(start=Pose(), speed_m_s=speed_m_s, velocity_m_s=(0.0, 0.5, 0.0))
+    walker = Ride(path=path, height_m=height_m)
+    time_s = np.arange(3.5, 6.5, 1e-3)
+    states = walker.at(time_s)
+    over_m = states.position_m[:, 2] - 0.08 * 0.5 * time_s
+    np.testing.assert_allclose(over_m[time_s < 4.745], 0.0, atol=1e-6)
+    np.testing.assert_allclose(over_m[time_s > 5.255], 0.13, atol=1e-6)
+    assert np.interp(5.0, time_s, over_m) == pytest.approx(0.065, abs=2e-3)  # half a node early or late
+    climbs_m_s = states.velocity_m_s[:, 2] - 0.08 * 0.5
+    assert climbs_m_s.max() == pytest.approx(8.0 / (3.0 * 0.5) * 0.13, rel=1e-3)
+    assert climbs_m_s.min() > -1e-6
+    np.testing.assert_allclose(np.gradient(over_m, time_s)[1:-1], climbs_m_s[1:-1], atol=2e-3)
+
+
 def test_the_order_in_which_times_are_asked_for_changes_nothing() -> None:
     time_s = np.linspace(-3.0, 9.0, 30)
     forward, backward = ride().at(time_s), ride()

@@ -27,8 +27,11 @@ BLOCK_NODES = 200
 _LEAD_BLOCKS = 8
 """Blocks before a block in which the vehicle starts to ride: free motion decays by exp(-2.1 t / s), to 4e-8 in 8 s."""
 
+STEP_NODES = 100
+"""Choice: nodes over which what has no wheels feels the ground, half a second, a step of those who walk: a kerb of
+13 cm lifts it at 0.7 m/s."""
+
 _MOST_BLOCKS = 256
-_MARGIN_NODES = 20
 
 Height = Callable[..., Numbers]
 """Height of the ground [m] at (n, 2) places in the world; of `Ride.storeys` with (n,) heights near which it is."""
@@ -48,8 +51,8 @@ class Ride:
         path: motion of the vehicle on flat ground at its own height, which the ground's height is added to. Its origin
             is below the body's centre of mass
         height_m: height of the ground at (n, 2) places
-        suspension: the vehicle; None: what has no wheels, and follows the height of the ground below its origin,
-            upright
+        suspension: the vehicle; None: what has no wheels of its own, and follows the height of the ground below its
+            origin, upright, as those who step: smoothed over `STEP_NODES`
         storeys: whether the path has the height of one of several grounds above each other, on which it rides
     """
 
@@ -150,20 +153,16 @@ class Ride:
 
     @staticmethod
     def _follow(blocks: Sequence[tuple[Ride, int]]) -> None:
-        """Compute blocks without a suspension: a cubic spline through the heights below the origin."""
-        from scipy.interpolate import CubicSpline
-
+        """Compute blocks without a suspension: means of the heights below the origin, and their derivatives."""
         if not blocks:
             return
-        # What is beyond a node counts by 0.27 each further node: 20 of them are 4e-12.
-        around = np.arange(-_MARGIN_NODES, BLOCK_NODES + 1 + _MARGIN_NODES)
+        margin, weights = STEP_NODES // 2, _mean_weights()
+        around = np.arange(-margin, BLOCK_NODES + 1 + margin)
         times_s = np.stack([around + number * BLOCK_NODES for _, number in blocks]) * STEP_S
         paths = states_of([ride.path for ride, _ in blocks], times_s)
-        for (ride, number), time_s, place_m in zip(blocks, times_s, paths.position_m, strict=True):
-            heave_m = CubicSpline(time_s, ride._rise_m(place_m))
-            within_s = time_s[_MARGIN_NODES:-_MARGIN_NODES]
-            nodes = np.zeros((len(within_s), 3, 3))
-            nodes[:, :, 0] = np.stack([heave_m(within_s, derivative) for derivative in range(3)], axis=1)
+        for (ride, number), place_m in zip(blocks, paths.position_m, strict=True):
+            nodes = np.zeros((BLOCK_NODES + 1, 3, 3))
+            nodes[:, :, 0] = np.lib.stride_tricks.sliding_window_view(ride._rise_m(place_m), STEP_NODES + 1) @ weights
             ride._nodes[number] = nodes
 
     @staticmethod
@@ -208,6 +207,17 @@ class Ride:
         if self.storeys:
             return np.asarray(self.height_m(place_m[:, :2], place_m[:, 2]) - place_m[:, 2])
         return self.height_m(place_m[:, :2])
+
+
+def _mean_weights() -> Numbers:
+    """(`STEP_NODES` + 1, 3) weights of nodes in a mean, and in its first and second derivative.
+
+    A node at the time t counts by (8 / (3 T)) cos^4(pi t / T), T the whole time.
+    """
+    rate, angle = np.pi / (STEP_NODES * STEP_S), np.linspace(0.5, -0.5, STEP_NODES + 1) * np.pi
+    cos, sin = np.cos(angle), np.sin(angle)
+    shapes = cos**4, -4.0 * rate * cos**3 * sin, rate**2 * (12.0 * cos**2 * sin**2 - 4.0 * cos**4)
+    return np.stack(shapes, axis=1) * (8.0 / (3.0 * STEP_NODES))
 
 
 def _quintic(before: Numbers, after: Numbers, share: Numbers) -> tuple[Numbers, Numbers]:
