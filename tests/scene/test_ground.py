@@ -304,7 +304,7 @@ def _mesh_height_m(scene: Scene, name: str, place_m: np.ndarray) -> float:
 
 
 def test_a_walker_follows_the_ground(tmp_path: Path) -> None:
-    """Upright, every 0.1 s at (h(t - 0.1 s) + 4 h(t) + h(t + 0.1 s)) / 6 of the heights h below it; velocities are right."""
+    """Upright, every 0.1 s at (h(t - 0.1 s) + 4 h(t) + h(t + 0.1 s)) / 6, h below it; velocities are right."""
     text = '[ground]\nroughness = "E"\n' + ROAD + BOX + "[bodies.motion]\nvelocity_m_s = [1, 0.5, 0]\n"
     scene = scene_of(tmp_path, text)
     motion = scene.bodies[1].motion
