@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -20,7 +20,7 @@ import numpy as np
 from .arrays import Lanes, Numbers, xp
 from .box_tree import BoxTree
 from .pose import Pose, rotation_numbers
-from .trajectory import Motion, States, fastest_turn_rad_s, states_of
+from .trajectory import Motion, States, fastest_turn_rad_s, rows_by, states_of
 from .vectors import Vector
 
 STEP_S = 5e-3
@@ -155,11 +155,6 @@ class Travel:
     carried_m: Numbers | None = None
     walks: Sequence[Strides | None] = ()
 
-    @property
-    def distinct(self) -> dict[Motion, int]:
-        """Each motion once, with its number: what a vehicle carries rides on it, what a frame does not show rests."""
-        return {motion: row for row, motion in enumerate(dict.fromkeys(self.motions))}
-
     def instants(self) -> Numbers:
         """(n,) times of the table."""
         # What goes straight on and never turns is exact between two instants.
@@ -170,43 +165,43 @@ class Travel:
         return self.start_s + np.linspace(0.0, self.length_s, steps + 1)
 
 
-_Plan = tuple[Travel, dict[Motion, int], Numbers]
-"""A frame, its `Travel.distinct` motions and its instants; those of a list have as many instants each."""
+def _rows_together(frames: Sequence[Travel], times: Sequence[Numbers]) -> Numbers:
+    """Rows of `MotionTable` of all motions of several frames, frame after frame, (motions, instants, 16).
 
+    NumPy takes as long for a walker's strides, or the path of a ride, in one frame as in ten.
 
-def _states_together(plans: Sequence[_Plan]) -> list[States]:
-    """States of the distinct motions of several frames, (motions, instants, ...)."""
-    counts = [len(distinct) for _, distinct, _ in plans]
-    motions = [motion for _, distinct, _ in plans for motion in distinct]
-    times = np.repeat([times for _, _, times in plans], counts, axis=0)
-    # So many together as processors hold in their caches.
-    many = max(_TOGETHER // times.shape[1], 1)
-    parts = [slice(first, first + many) for first in range(0, len(motions), many)]
-    states = States.joined([states_of(motions[part], times[part]) for part in parts])
-    ends = itertools.accumulate(counts)
-    return [states.taken(slice(end - count, end)) for count, end in zip(counts, ends, strict=True)]
-
-
-def _strides_together(plans: Sequence[_Plan], states: Sequence[States]) -> list[dict[int, Numbers]]:
-    """Phases and levels (instants, 2) of the walkers of several frames, by numbers of their motions.
-
-    Those of a walker are computed together: NumPy takes as long for one frame as for ten.
+    Args:
+        times: instants of each frame, as many each
     """
-    strides: list[dict[int, Numbers]] = [{} for _ in plans]
-    places: dict[Strides, list[tuple[int, int]]] = {}
-    for place, (frame, _, _) in enumerate(plans):
-        for number, walk in enumerate(frame.walks, start=len(frame.motions) - len(frame.walks)):
-            if walk is not None:
-                places.setdefault(walk, []).append((place, number))
-    for walk, own in places.items():
-        walked = []
-        for place, number in own:
-            frame, distinct, _ = plans[place]
-            walked.append(states[place].taken(distinct[frame.motions[number]]))
-        together = walk(np.concatenate([plans[place][2] for place, _ in own]), States.joined(walked))
-        for (place, number), stride in zip(own, together.reshape(len(own), -1, 2), strict=True):
-            strides[place][number] = stride
-    return strides
+    # Each motion of a frame once: what a vehicle carries rides on it, and what a frame does not show rests.
+    motions: list[Motion] = []
+    of_frame: list[int] = []
+    rows: list[int] = []
+    for number, frame in enumerate(frames):
+        row_of = {motion: len(motions) + row for row, motion in enumerate(dict.fromkeys(frame.motions))}
+        rows += [row_of[motion] for motion in frame.motions]
+        of_frame += [number] * len(row_of)
+        motions += row_of
+    instants = np.stack(times)[of_frame]
+    # So many together as processors hold in their caches.
+    many = max(_TOGETHER // instants.shape[1], 1)
+    parts = [slice(first, first + many) for first in range(0, len(motions), many)]
+    states = States.joined([states_of(motions[part], instants[part]) for part in parts])
+    table = np.zeros((*instants.shape, _NUMBERS))
+    table[:, :, :3] = states.position_m - np.stack([frame.centre_m for frame in frames])[of_frame, None]
+    table[:, :, 3:7] = _with_continuous_signs(_quaternion(states.rotation))
+    table[:, :, 7:10], table[:, :, 10:13] = states.velocity_m_s, states.turning_rad_s
+    table = table[rows]
+    walks: list[Strides | None] = []
+    for frame in frames:
+        walks += [None] * (len(frame.motions) - len(frame.walks)) + [*frame.walks]
+    for walk, walkers in rows_by(walks).items():
+        if walk is not None:
+            own = [rows[walker] for walker in walkers]
+            strides = walk(instants[own].ravel(), States.joined([states.taken(row) for row in own]))
+            table[walkers, :, 13:15] = strides.reshape(len(own), -1, 2)
+            table[walkers, :, 13] -= np.floor(table[walkers, :1, 13])  # small, for single precision
+    return table
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -245,33 +240,29 @@ class MotionTable:
     def of_frames(cls, frames: Sequence[Travel]) -> list[MotionTable]:
         """Tabulate the motions of several frames, each table as if alone."""
         tables = []
-        planned = [(frame, frame.distinct, frame.instants()) for frame in frames]
-        for _, alike in itertools.groupby(planned, key=lambda plan: len(plan[2])):
-            plans = list(alike)
-            states = _states_together(plans)
-            own = zip(plans, states, _strides_together(plans, states), strict=True)
-            tables += [cls._of_states(plan, *computed) for plan, *computed in own]
+        planned = [(frame, frame.instants()) for frame in frames]
+        for instants, alike in itertools.groupby(planned, key=lambda plan: len(plan[1])):
+            own, times = zip(*alike, strict=True)
+            tables += cls._alike(own, _rows_together(own, times), steps=instants - 1)
         return tables
 
     @classmethod
-    def _of_states(cls, plan: _Plan, states: States, strides: Mapping[int, Numbers]) -> MotionTable:
-        """Tabulate the states of a frame's distinct motions at its instants, and the strides of its walkers."""
-        frame, distinct, times = plan
-        table = np.zeros((*states.position_m.shape[:2], _NUMBERS))
-        table[:, :, :3] = states.position_m - frame.centre_m
-        table[:, :, 3:7] = _with_continuous_signs(_quaternion(states.rotation))
-        table[:, :, 7:10], table[:, :, 10:13] = states.velocity_m_s, states.turning_rad_s
-        table = table[[distinct[motion] for motion in frame.motions]]
-        for number, stride in strides.items():
-            table[number, :, 13:15] = stride
-            table[number, :, 13] -= np.floor(stride[0, 0])  # small, for single precision
-        boxes, steps = None, len(times) - 1
-        if frame.carried_m is not None:
-            movers = table[len(table) - len(frame.carried_m) :]
-            boxes = BoxTree.from_boxes(_swept_boxes(movers, frame.carried_m, frame.length_s / steps))
-        return cls(
-            table=table.ravel(), rate_hz=steps / frame.length_s, last=float(steps), count=len(table), boxes=boxes
-        )
+    def _alike(cls, frames: Sequence[Travel], rows: Numbers, *, steps: int) -> list[MotionTable]:
+        """Tables of frames with the same number of steps, from the rows of all."""
+        boxes = _boxes_together(frames, rows, steps=steps)
+        tables, end = [], 0
+        for frame, own in zip(frames, boxes, strict=True):
+            begin, end = end, end + len(frame.motions)
+            tables.append(
+                cls(
+                    table=rows[begin:end].ravel(),
+                    rate_hz=steps / frame.length_s,
+                    last=float(steps),
+                    count=end - begin,
+                    boxes=None if own is None else BoxTree.from_boxes(own),
+                )
+            )
+        return tables
 
     @classmethod
     def joined(cls, tables: Sequence[MotionTable]) -> MotionTable:
@@ -383,8 +374,25 @@ class MovingBodies:
         return self.motions.placement(self.time_s, body_index + 1)
 
 
-def _swept_boxes(table: Numbers, carried_m: Numbers, step_s: float) -> Numbers:
-    """Return (m, 2, 3) boxes which hold what m motions carry, at all times; (m, instants, 16) `MotionTable.table`."""
+def _boxes_together(frames: Sequence[Travel], rows: Numbers, *, steps: int) -> list[Numbers | None]:
+    """Boxes (m, 2, 3) of each of several frames, from the rows of all; None where nothing is carried."""
+    carried_m = [np.zeros((0, 2, 3)) if frame.carried_m is None else frame.carried_m for frame in frames]
+    counts = [len(own_m) for own_m in carried_m]
+    ends = itertools.accumulate(len(frame.motions) for frame in frames)
+    places = [place for end, count in zip(ends, counts, strict=True) for place in range(end - count, end)]
+    step_s = np.repeat([frame.length_s / steps for frame in frames], counts)
+    boxes = _swept_boxes(rows[places], np.concatenate(carried_m), step_s)
+    return [own if len(own) else None for own in np.split(boxes, np.cumsum(counts)[:-1])]
+
+
+def _swept_boxes(table: Numbers, carried_m: Numbers, step_s: Numbers) -> Numbers:
+    """Return (m, 2, 3) boxes which hold what m motions carry, at all times.
+
+    Args:
+        table: (m, instants, 16) rows of `MotionTable`
+        carried_m: as in `Travel`
+        step_s: (m,) time between instants
+    """
     carries = np.asarray(np.isfinite(carried_m).all(axis=(1, 2)))
     boxes = np.broadcast_to(NOWHERE, carried_m.shape).copy()
     if not carries.any():
@@ -404,17 +412,17 @@ def _swept_boxes(table: Numbers, carried_m: Numbers, step_s: float) -> Numbers:
     corner_m = np.linalg.norm(np.abs(carried_m).max(axis=1), axis=1)
     a, b, c, d, e, f, g, h, i = np.square(np.diff(rotation, axis=3)).reshape(9, len(carried_m), -1)
     turned = np.sqrt((((a + b) + (c + d)) + ((e + f) + (g + h)) + i).max(axis=1))
-    bulge_m = _bulge(numbers[:3], numbers[7:10], step_s).T
-    twist = np.linalg.norm(_bulge(quaternion, np.stack(_turning(quaternion, numbers[10:13])), step_s), axis=0)
+    bulge_m = _bulge(numbers[:3], numbers[7:10], step_s[carries]).T
+    twist = np.linalg.norm(_bulge(quaternion, np.stack(_turning(quaternion, numbers[10:13])), step_s[carries]), axis=0)
     room = corner_m * (turned + 4.0 * twist) + 1e-4 + 2e-6 * np.abs([low, high]).max(axis=(0, 2))
     room = room[:, None] + bulge_m
     boxes[carries] = np.stack([low - room, high + room], axis=1)
     return boxes
 
 
-def _bulge(values: Numbers, rates: Numbers, step_s: float) -> Numbers:
-    """Bound by which `_curve` leaves straight lines, (k, m), of (k, m, instants) values and rates [1/s]."""
-    straight = np.diff(values, axis=2)
+def _bulge(values: Numbers, rates: Numbers, step_s: Numbers) -> Numbers:
+    """Bound by which `_curve` leaves straight lines, (k, m), of (k, m, instants) values and rates [1/s], (m,) steps."""
+    straight, step_s = np.diff(values, axis=2), step_s[:, None]
     apart = np.abs(step_s * rates[..., :-1] - straight) + np.abs(step_s * rates[..., 1:] - straight)
     return np.asarray(4.0 / 27.0 * apart.max(axis=2))
 
