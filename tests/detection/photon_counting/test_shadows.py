@@ -29,9 +29,12 @@ def test_light_between_two_places_of_an_echo(begin):
         assert place[0] == pytest.approx(20.0 + cut.mean(), abs=2e-3 / share)
 
 
-@pytest.mark.parametrize(("earlier", "free"), [(0, 0.7), (1, 0.8), (2, 1.0)])
-def test_spads_that_light_has_fired_are_free_a_dead_time_later(earlier, free):
-    """In the dark three tenths fired within the last dead time of 10 sigmas, two tenths within the one before."""
-    place, fired = np.full(1, 30.0), (np.full(1, 0.3), np.full(1, 0.2))
-    shadow = shadows.Shadow(place=place, sun=1e-12, dead=10.0, firings=fired, places=(place - 5.0, place - 16.0))
-    np.testing.assert_allclose(shadow.free(earlier), free, atol=1e-9)
+@pytest.mark.parametrize(
+    ("earlier", "fired", "since"), [(0, (0.3, 0.0), 5.0), (1, (0.3, 0.2), 6.0), (2, (0.3, 0.2), 0.0)]
+)
+def test_fewer_spads_are_free_behind_light(earlier, fired, since):
+    """Of SPADs that light has fired those are missing that the sun would have left: exp(-lambda t) (T106)."""
+    place, firings = np.full(1, 30.0), tuple(np.full(1, share) for share in fired)
+    shadow = shadows.Shadow(place=place, sun=0.1, dead=10.0, firings=firings, places=(place - 5.0, place - 16.0))
+    missing = fired[earlier] * math.exp(-0.1 * since) if earlier < 2 else 0.0
+    np.testing.assert_allclose(shadow.free(earlier), 1.0 - missing, rtol=1e-12)
