@@ -200,6 +200,7 @@ def test_wall(given: str, named: str) -> None:
     ROAD outline = [[0, 0, 0], [9, 9, 0], [9, 0, 0], [0, 9, 0]] | outline | cross itself
     [street]\nblock_m = [200, 100] | street.block_m | lowest and a highest | 200 and 100
     [street]\nloop = true\nlength_m = 300 | length_m | loop | >= 443 m | 300
+    [street]\ncorners = "junctions" | street | corners | needs loop = true
     [street]\nlane = 2 | 'street.lane'
     extends = "drove" | scene 'drove' | drive
     extends = "scene.toml" | extends | scene.toml extends this file

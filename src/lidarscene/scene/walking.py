@@ -168,3 +168,20 @@ class Gait:
         # Simpson's rule.
         passed = np.diff(time_s) / 6.0 * (rate[:-1] + 4.0 * between + rate[1:])
         return cast(Way, CubicHermiteSpline(time_s, np.concatenate([[0.0], np.cumsum(passed)]), rate))
+
+
+@dataclass(frozen=True, slots=True)
+class Walk:
+    """A gait on a motion; alike if both are the same.
+
+    Attributes:
+        gait: how the body walks
+        motion: where it goes
+    """
+
+    gait: Gait
+    motion: Motion
+
+    def __call__(self, time_s: Numbers, states: States | None = None) -> Numbers:
+        """Return `Gait.at`."""
+        return self.gait.at(self.motion, time_s, states)
