@@ -19,7 +19,7 @@ from scipy.stats import binom
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
-from helpers.drawn_recordings import drawn_sweep, drawn_truth, two_lenses
+from helpers.drawn_recordings import drawn_sweep, drawn_truth, free_lenses, two_lenses
 from helpers.drawn_scenes import REFLECTIVITY_SIGMA, SPOT, drawn_report, drawn_unit, published_sensor, unit_of
 from helpers.rendered_recordings import walls
 from helpers.turns_at_rest import turns_at_rest
@@ -80,6 +80,14 @@ def with_two_lenses(seeds: int) -> None:
                 deviations.setdefault(f"{estimate.key}, two lenses", []).append(
                     (estimate.value - asdict(truth)[estimate.key]) / estimate.sigma
                 )
+    for seed in range(UNITS * seeds):
+        lenses, sweep = free_lenses(seed, sensor)
+        near = fit_near_field(gather_pulses([sweep]), sensor)
+        assert near is not None
+        for estimate in near.estimates:
+            deviations.setdefault(f"{estimate.key}, free lenses", []).append(
+                (estimate.value - lenses[estimate.key]) / estimate.sigma
+            )
     print_coverage(deviations)
 
 

@@ -1,14 +1,15 @@
 """Recordings drawn from known laws: what the fit must find again. Also for `benchmarks/fit_coverage.py`."""
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
 from helpers.premises import premise
 from lidarscene.recordings.sweep import Sweep
 from lidarscene.sensor.sensor_model import Sensor
-from lidarscene.studies.fit.near_field import Curve, own_curve, share
+from lidarscene.studies.fit.near_field import LENSES, Curve, LensCurve, own_curve, share
 from lidarscene.studies.fit.products import near_field_m
+from lidarscene.studies.fit.tuning import LENS_BOUNDS, LENS_SIGMAS, LOG_RANGE_STEP
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,6 +57,28 @@ def two_lenses(seed: int, sensor: Sensor) -> tuple[Truth, Curve]:
     curve = own_curve(sensor)
     assert curve is not None
     return replace(drawn_truth(seed), near_field_m=stretch * near_field_m(sensor)), curve
+
+
+def free_lenses(seed: int, sensor: Sensor, columns: int = 1000) -> tuple[dict[str, float], Sweep]:
+    """Truth by the keys of the fit's estimates, and a frame, of a unit whose `LENSES` are not the sensor's.
+
+    They differ as `LENS_SIGMAS` say. As in real recordings the signals of each bin of the range depart from any law, by
+    2 %.
+    """
+    unit, lens_curve = premise([seed, 8]), LensCurve(sensor)
+    lenses = np.clip(unit.normal(lens_curve.own, LENS_SIGMAS), *np.transpose(LENS_BOUNDS))
+    stretch = float(np.exp(unit.uniform(-0.3, 0.3)))
+    truth = replace(drawn_truth(seed), near_field_m=stretch * near_field_m(sensor))
+    off = 0.02 * np.random.default_rng([seed, 3]).standard_normal(1000)
+
+    def curve(ratio: np.ndarray) -> np.ndarray:
+        place = np.floor(np.log(ratio * truth.near_field_m) / LOG_RANGE_STEP).astype(int)
+        shares = lens_curve(ratio.reshape(1, -1), *lenses[:, None, None]).reshape(ratio.shape)
+        return np.asarray(shares * np.exp(off[place + 500]))
+
+    numbers = {key: asdict(truth)[key] for key in ("white_m2", "near_field_m")}
+    numbers |= dict(zip(LENSES, lenses.tolist(), strict=True))
+    return numbers, drawn_sweep(truth, seed, columns=columns, curve=curve)
 
 
 def drawn_sweep(truth: Truth, seed: int, rows: int = 32, columns: int = 1000, curve: Curve | None = None) -> Sweep:

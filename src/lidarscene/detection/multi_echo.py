@@ -17,7 +17,7 @@ from ..light.waveform import waveform
 from ..maths.arrays import Array, Lanes, Mask, select_state
 from ..maths.random import Seed
 from ..physics.electronics import tdc as tdc_formulas
-from ..physics.electronics.pulse_sums import crossing
+from ..physics.electronics.pulse_sums import Shape, crossing
 from ..sensor.electronics import MultiLevel
 from ..sensor.sensor_model import Sensor
 from . import comparator
@@ -111,14 +111,12 @@ class Rises(Received):
         """Visit all rises and keep the best crossings of each pulse."""
         state = self._visit_all()
         number, range_m = strongest(self.wave, self.surfaces)
-        # The search passes no derivatives on, so the power of the highest peak is evaluated once more outside of it.
-        # The derivative of its place is not needed: P' is zero there, so moving the place does not change the power.
         ops, lit = self.ops, state.highest_w > 0.0
         point = self.point if state.at_highest is None else state.at_highest.working_point(self.point)
-        power, _, bend = self.wave.at(state.highest)
-        highest_w = ops.where(lit, power, 0.0)
+        power, _, bend = self._at_highest(state)
         curved = timing.curvature_of(self, power, bend, mask=lit)
-        signal, probability = comparator.expectation(replace(self, point=point), highest_w, curvature=curved)
+        height_w = ops.where(lit, power, 0.0) * self.sensor.height_gain(curved)
+        signal, probability = comparator.expectation(replace(self, point=point), height_w, curvature=curved)
         return Found(
             stops=tuple(self._with_status(stop) for stop in state.stops),
             tripped=state.tripped,
@@ -128,6 +126,20 @@ class Rises(Received):
             source=number,
             true_range_m=range_m,
         )
+
+    def _at_highest(self, state: _RiseSearch) -> Shape:
+        """Power at the highest peak, and its first and second derivative, which the search passes no derivatives of.
+
+        They follow from the waveform once more. The power does not change with the place of the peak, where P' is 0,
+        but the second derivative does. A step of Newton's, u - P' / P'', leaves the place as it is, and its derivative
+        by any number p is that of the root, -P'_p / P''.
+        """
+        ops, shape = self.ops, self.wave.at(state.highest)
+        if not self.sensor.matches and self.sensor.tdc.chatter_hz is None:
+            return shape  # nothing depends on how the peak bends
+        _, slope, bend = shape
+        bends = bend < 0.0
+        return self.wave.at(state.highest - ops.where(bends, slope / ops.where(bends, bend, -1.0), 0.0))
 
     def _with_status(self, stop: Stop) -> Stop:
         """Status of a return by the light that caused it."""
@@ -222,8 +234,8 @@ class Rises(Received):
         residue = echo_memory.find_residue(self, rise, state.memory)
         converter = self if residue is None else replace(self, point=residue.working_point(self.point))
         curved = timing.curvature(self, rise)
-        gain, lasting_gain = timing.gains(self, curved)
-        valley = self.point.response.signal(lasting_gain * rise.valley_w)
+        gain = self.sensor.height_gain(curved)
+        valley = self.point.response.signal(self.sensor.lasting_gain * rise.valley_w)
         if residue is not None:
             valley = ops.maximum(valley, residue.floor)
         lowest = ops.minimum(last_pulse.lowest, valley)

@@ -13,7 +13,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from ..maths.arrays import Array, Lanes, Mask, select_state, xp
-from ..physics.electronics import sampling
 from ..physics.electronics.pulse_sums import SIGMAS_PER_FWHM, crossing
 from ..physics.optics import pulse as pulse_shape
 from ..sensor.electronics import Adc, MultiLevel
@@ -216,7 +215,7 @@ def _read_samples(shots: Received, adc: Adc, rise: Rise, trip: Trip, place: Lane
     """
     ops = shots.ops
     # Of light that lasts samples have less than the filter makes of it.
-    base = trip.base / sampling.LASTING_GAIN if shots.sensor.matches else trip.base
+    base = trip.base / shots.sensor.lasting_gain
     # The window lies around the peak of light that rises slowly, far behind where it trips the comparator.
     window = Window.from_crossing(shots, adc, rise, ops.maximum(place, rise.peak - _SLOW), base)
     samples, sums = window.read(mask)

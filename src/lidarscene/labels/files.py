@@ -151,11 +151,13 @@ class LabelTables:
         numbers = [*(kind.semantic_kitti + _THING * kind.is_thing for kind in kinds), UNLABELLED]
         bodies = np.full(len(scene.bodies) + 1, _AS_CLASS, np.int32)
         for index, body in enumerate(scene.bodies):
-            rests = body.motion is None or (isinstance(body.motion, Course) and body.motion.rests)
-            if not rests:
+            if body.motion is None:
+                continue
+            if body.rides_with(scene.ego):
+                # As with boxes: a network is to learn what the vehicle meets, not its own roof.
+                bodies[index] = -1 - UNLABELLED
+            elif not (isinstance(body.motion, Course) and body.motion.rests):
                 bodies[index] = MOVING.get(kind_of(body.class_name).semantic_kitti, _AS_CLASS)
-        # As with boxes: a network is to learn what the vehicle meets, not its own roof.
-        bodies[list(scene.own_bodies)] = -1 - UNLABELLED
         return cls(np.array(numbers, np.int32), bodies)
 
     def labels(self, class_id: Lanes, body: Lanes, status: Lanes) -> tuple[Any, Any]:

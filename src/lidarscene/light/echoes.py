@@ -105,6 +105,11 @@ class Echoes:
     broadening: Lanes | None = None
     row_slope: Lanes | None = None
 
+    @property
+    def curvature(self) -> Lanes:
+        """-P'' / P at the peak, 1 of a pulse as it leaves."""
+        return 1.0 if self.broadening is None else 1.0 / (self.broadening * self.broadening)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Volume:

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -329,13 +329,14 @@ class Spline:
         """States of m splines at their own (m, n) times, as `at` of each."""
         segments = np.zeros(time_s.shape, dtype=np.int64)
         since_s, first = np.zeros(time_s.shape), 0
-        for row, motion in enumerate(motions):
-            times = clipped(time_s[row], motion)
+        rows = rows_by(motions)
+        for motion, own in rows.items():
+            times = clipped(time_s[own], motion)
             segment = np.clip(np.searchsorted(motion.time_s, times, side="right") - 1, 0, len(motion.poses) - 2)
-            since_s[row], segments[row] = times - motion.time_s[segment], first + segment
+            since_s[own], segments[own] = times - motion.time_s[segment], first + segment
             first += len(motion.poses) - 1
         # The segments of all splines are one list.
-        joined = _Segments.joined([motion._segments for motion in motions])
+        joined = _Segments.joined([motion._segments for motion in rows])
         return joined.at(segments.ravel(), since_s.ravel()).reshaped(time_s.shape)
 
 
@@ -369,9 +370,11 @@ class _BeyondEnds(_Carried):
         return self.motion, clipped(time_s, self.motion)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class HeldAtEnds(_BeyondEnds):
     """A motion extended beyond its span: at rest in its first pose before, in its last pose after.
+
+    Two are one if they extend the same motion: `Repeated.in_frame` makes one for each frame.
 
     Attributes:
         delay_s: time by which all of it is later
@@ -480,10 +483,8 @@ def states_of(motions: Sequence[Motion], time_s: Numbers) -> States:
         if isinstance(motion, _Carried):
             carriers[row], carrier_times[row] = motion.carrier_at(time_s[row])
     below = None if carriers == list(motions) else states_of(carriers, carrier_times)
-    rows: dict[Any, list[int]] = {}
-    for row, motion in enumerate(motions):
-        rows.setdefault(getattr(type(motion), "together", None) if below is None else type(motion), []).append(row)
-    groups = []
+    kinds = [getattr(type(motion), "together", None) if below is None else type(motion) for motion in motions]
+    rows, groups = rows_by(kinds), []
     for kind, indices in rows.items():
         members, times = [motions[row] for row in indices], time_s[indices]
         if below is not None:
@@ -496,6 +497,17 @@ def states_of(motions: Sequence[Motion], time_s: Numbers) -> States:
     if len(groups) == 1:
         return groups[0]
     return States.joined(groups).taken(np.argsort([row for indices in rows.values() for row in indices]))
+
+
+Key = TypeVar("Key", bound=Hashable)
+
+
+def rows_by(keys: Sequence[Key]) -> dict[Key, list[int]]:
+    """Places of each of some keys in their list."""
+    rows: dict[Key, list[int]] = {}
+    for row, key in enumerate(keys):
+        rows.setdefault(key, []).append(row)
+    return rows
 
 
 def states_alone(motion: Motion, time_s: Numbers) -> States:

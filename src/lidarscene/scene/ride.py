@@ -7,13 +7,13 @@ same surface that the ground's meshes show.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..maths.arrays import Numbers
-from ..maths.trajectory import Motion, States, cross, fastest_turn_rad_s, states_alone, states_of
+from ..maths.trajectory import Motion, States, cross, fastest_turn_rad_s, rows_by, states_alone, states_of
 from ..physics.road.suspension import Suspension
 
 STEP_S = 0.005
@@ -27,10 +27,11 @@ BLOCK_NODES = 200
 _LEAD_BLOCKS = 8
 """Blocks before a block in which the vehicle starts to ride: free motion decays by exp(-2.1 t / s), to 4e-8 in 8 s."""
 
-STEP_NODES = 100
-"""Choice: nodes over which what has no wheels feels the ground, half a second, a step of those who walk: a kerb of
-13 cm lifts it at 0.7 m/s."""
+FOLLOW_S = 0.1
+"""Choice: time between the heights that what has no wheels follows: it goes up a step within three of them, about the
+time of a human step, at up to 7.5 times the step's height per second."""
 
+_FOLLOWED = round(BLOCK_NODES * STEP_S / FOLLOW_S)
 _MOST_BLOCKS = 256
 
 Height = Callable[..., Numbers]
@@ -51,8 +52,8 @@ class Ride:
         path: motion of the vehicle on flat ground at its own height, which the ground's height is added to. Its origin
             is below the body's centre of mass
         height_m: height of the ground at (n, 2) places
-        suspension: the vehicle; None: what has no wheels of its own, and follows the height of the ground below its
-            origin, upright, as those who step: smoothed over `STEP_NODES`
+        suspension: the vehicle; None: what has no wheels, and follows the height of the ground below its origin within
+            `FOLLOW_S`, upright
         storeys: whether the path has the height of one of several grounds above each other, on which it rides
     """
 
@@ -121,27 +122,27 @@ class Ride:
         node = np.floor(place).astype(np.int64)
         block = node // BLOCK_NODES
         within = node - block * BLOCK_NODES
-        numbers = [set(row.tolist()) for row in block]
-        Ride._compute(zip(motions, numbers, strict=True))
-        before, after = np.zeros((2, *place.shape, 3, 3))
-        for row, motion in enumerate(motions):
-            for number in numbers[row]:
-                nodes, rows = motion._nodes[number], block[row] == number
-                before[row, rows], after[row, rows] = nodes[within[row, rows]], nodes[within[row, rows] + 1]
+        rows = rows_by(motions)
+        numbers = {motion: np.unique(block[own]) for motion, own in rows.items()}
+        Ride._compute({motion: set(own.tolist()) for motion, own in numbers.items()})
+        # The blocks of all rides are one list of nodes.
+        nodes = np.concatenate([motion._nodes[number] for motion, own in numbers.items() for number in own.tolist()])
+        first = 0
+        for motion, own in rows.items():
+            within[own] += (first + np.searchsorted(numbers[motion], block[own])) * (BLOCK_NODES + 1)
+            first += len(numbers[motion])
+        before, after = nodes[within], nodes[within + 1]
         # Numbers first: NumPy is slow along axes of three.
         before, after = (np.moveaxis(nodes, (2, 3), (0, 1)).copy() for nodes in (before, after))
         return _quintic(before, after, place - node)
 
     @staticmethod
-    def _compute(rows: Iterable[tuple[Ride, set[int]]]) -> None:
+    def _compute(asked: Mapping[Ride, set[int]]) -> None:
         """Compute those of the blocks of these rides that are not known: `_nodes`.
 
         A block is (`BLOCK_NODES` + 1, 3, 3): heave, pitch and roll at its nodes, with first and second derivatives.
         Those of all rides are computed together: NumPy takes as long for the path of one as for those of ten.
         """
-        asked: dict[Ride, set[int]] = {}
-        for ride, numbers in rows:
-            asked.setdefault(ride, set()).update(numbers)
         missing: list[tuple[Ride, int]] = []
         for ride, numbers in asked.items():
             if len(ride._nodes) >= _MOST_BLOCKS and not numbers <= ride._nodes.keys():
@@ -153,16 +154,25 @@ class Ride:
 
     @staticmethod
     def _follow(blocks: Sequence[tuple[Ride, int]]) -> None:
-        """Compute blocks without a suspension: means of the heights below the origin, and their derivatives."""
+        """Compute blocks without a suspension: legs carry a body evenly over what its feet step on.
+
+        Heights below the origin, `FOLLOW_S` apart, are the control points of a cubic B-spline.
+        """
+        from scipy.interpolate import BSpline
+
         if not blocks:
             return
-        margin, weights = STEP_NODES // 2, _mean_weights()
-        around = np.arange(-margin, BLOCK_NODES + 1 + margin)
-        times_s = np.stack([around + number * BLOCK_NODES for _, number in blocks]) * STEP_S
+        points = np.arange(-1, _FOLLOWED + 2) * FOLLOW_S
+        times_s = points + np.array([[number * BLOCK_NODES * STEP_S] for _, number in blocks])
         paths = states_of([ride.path for ride, _ in blocks], times_s)
-        for (ride, number), place_m in zip(blocks, paths.position_m, strict=True):
-            nodes = np.zeros((BLOCK_NODES + 1, 3, 3))
-            nodes[:, :, 0] = np.lib.stride_tricks.sliding_window_view(ride._rise_m(place_m), STEP_NODES + 1) @ weights
+        rises_m = Ride._rises_m([ride for ride, _ in blocks], paths.position_m)
+        knots_s = np.arange(-3, _FOLLOWED + 4) * FOLLOW_S
+        heave_m = BSpline(knots_s, rises_m.T, 3)
+        within_s = np.arange(BLOCK_NODES + 1) * STEP_S
+        heaves_m = np.stack([heave_m(within_s, derivative) for derivative in range(3)], axis=1)
+        for row, (ride, number) in enumerate(blocks):
+            nodes = np.zeros((len(within_s), 3, 3))
+            nodes[:, :, 0] = heaves_m[:, :, row]
             ride._nodes[number] = nodes
 
     @staticmethod
@@ -196,28 +206,21 @@ class Ride:
         rotation, place_m = paths.rotation[: len(rides)], paths.position_m[: len(rides), :, None]
         wheels = np.stack([np.pad(suspension.wheels_m, ((0, 0), (0, 1))) for _, suspension, _ in rides])
         place_m = place_m + np.einsum("mnij,mwj->mnwi", rotation, wheels)
-        own_m = zip(rides, place_m.reshape(len(rides), -1, 3), strict=True)
-        heights_m = np.stack([ride._rise_m(places_m) for (ride, _, _), places_m in own_m])
+        heights_m = Ride._rises_m([ride for ride, _, _ in rides], place_m.reshape(len(rides), -1, 3))
         later, earlier = paths.velocity_m_s[len(rides) :].reshape(2, *rotation.shape[:3])
         ahead_and_left = np.einsum("mnij,mni->mnj", rotation[..., :2], (later - earlier) / STEP_S)
         return np.concatenate([heights_m.reshape(*time_s.shape, 4), ahead_and_left], axis=2)
 
-    def _rise_m(self, place_m: Numbers) -> Numbers:
-        """What the ground adds to the height of the path at (n, 3) places."""
-        if self.storeys:
-            return np.asarray(self.height_m(place_m[:, :2], place_m[:, 2]) - place_m[:, 2])
-        return self.height_m(place_m[:, :2])
-
-
-def _mean_weights() -> Numbers:
-    """(`STEP_NODES` + 1, 3) weights of nodes in a mean, and in its first and second derivative.
-
-    A node at the time t counts by (8 / (3 T)) cos^4(pi t / T), T the whole time.
-    """
-    rate, angle = np.pi / (STEP_NODES * STEP_S), np.linspace(0.5, -0.5, STEP_NODES + 1) * np.pi
-    cos, sin = np.cos(angle), np.sin(angle)
-    shapes = cos**4, -4.0 * rate * cos**3 * sin, rate**2 * (12.0 * cos**2 * sin**2 - 4.0 * cos**4)
-    return np.stack(shapes, axis=1) * (8.0 / (3.0 * STEP_NODES))
+    @staticmethod
+    def _rises_m(rides: Sequence[Ride], place_m: Numbers) -> Numbers:
+        """What the ground adds to the heights of the paths of m rides at their own (m, n, 3) places, (m, n)."""
+        rises_m = np.zeros(place_m.shape[:2])
+        # All that ride on one ground ask it together.
+        for (height_m, storeys), rows in rows_by([(ride.height_m, ride.storeys) for ride in rides]).items():
+            own_m = place_m[rows].reshape(-1, 3)
+            heights_m = height_m(own_m[:, :2], own_m[:, 2]) - own_m[:, 2] if storeys else height_m(own_m[:, :2])
+            rises_m[rows] = heights_m.reshape(len(rows), -1)
+        return rises_m
 
 
 def _quintic(before: Numbers, after: Numbers, share: Numbers) -> tuple[Numbers, Numbers]:

@@ -168,6 +168,23 @@ class Gait:
         return functools.partial(_curve, time_s, np.concatenate([[0.0], np.cumsum(passed)]), rate)
 
 
+@dataclass(frozen=True, slots=True)
+class Walk:
+    """A gait on a motion; alike if both are the same.
+
+    Attributes:
+        gait: how the body walks
+        motion: where it goes
+    """
+
+    gait: Gait
+    motion: Motion
+
+    def __call__(self, time_s: Numbers, states: States | None = None) -> Numbers:
+        """Return `Gait.at`."""
+        return self.gait.at(self.motion, time_s, states)
+
+
 def _curve(node_s: Numbers, value: Numbers, rate: Numbers, time_s: Numbers) -> Numbers:
     """Values at (n,) times within of the cubics that have these values and rates at nodes.
 

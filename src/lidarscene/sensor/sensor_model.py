@@ -542,6 +542,19 @@ class Sensor(HintedAttributes):
         return samples_match or self.tdc.timing == "matched_filter"
 
     @property
+    def lasting_gain(self) -> float:
+        """Gain of the matched filter for light that lasts, over that for a pulse as it leaves; 1 without one."""
+        return sampling.LASTING_GAIN if self.matches else 1.0
+
+    def height_gain(self, curvature: Lanes) -> Lanes:
+        """Gain of the matched filter for the height of a pulse, (T80); 1 without one.
+
+        Args:
+            curvature: -P'' / P at the peak, 1 of a pulse as it leaves
+        """
+        return sampling.matched_gain(curvature=curvature) if self.matches else 1.0
+
+    @property
     def housing_m(self) -> Lanes:
         """Radius of the receiver's lens, which is surely part of the sensor: no surface can be nearer."""
         return self.optics.aperture_radius_m

@@ -82,11 +82,12 @@ def budget_of(cloud: PointCloud, sensor: Sensor, ambient: Ambient, *, light: Ech
     has_surface = np.asarray(hits.has_surface)
     signal = np.where(has_surface, cloud.snr * noise, 0.0)
     # A saturated signal does not determine the power, so the traced or Lambertian power stays if it matches.
-    explained = np.abs(point.response.signal(light.peak_power_w) - signal) <= SAME_SIGNAL * signal
-    power = np.where(explained, light.peak_power_w, point.response.power_w(signal))
+    gain = sensor.height_gain(lambertian.curvature)
+    explained = np.abs(point.response.signal(light.peak_power_w * gain) - signal) <= SAME_SIGNAL * signal
+    power = np.where(explained, light.peak_power_w, point.response.power_w(signal) / gain)
     at_peak = point.noise.at(signal)
     probability = point.detection_probability(threshold, signal, at_peak) * sensor.steadiness(
-        point.noise, threshold, signal
+        point.noise, threshold, signal, lambertian.curvature
     )
     return Budget(
         echo_power_w=np.where(has_surface, power, 0.0),

@@ -105,6 +105,8 @@ CASES = {
     "apd": ("table1-apd",),
     "sipm": ("table1-sipm",),
     "levels": ("table1-apd", "sampler.type='multi_level_tdc'", "sampler.levels=[2, 4]"),
+    "chatter": ("table1-apd", "tdc.chatter_mhz=500"),
+    "matched": ("table1-apd", "tdc.timing='matched_filter'"),
     "adc": ("table1-apd", "sampler.type='adc'", "sampler.rate_mhz=1000", "sampler.bits=12", "sampler.full_scale=1e-3"),
 }
 

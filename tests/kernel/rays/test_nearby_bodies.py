@@ -138,7 +138,9 @@ def test_boxes_change_nothing(monkeypatch: pytest.MonkeyPatch, rays: int) -> Non
     sensor = chain.sensor("table1-apd", *SENSOR, "scanner.azimuth_step_deg=0.8")
     cloud = Simulator(crowd(), sensor, rays=rays).render(seed=2)
     monkeypatch.setattr(
-        motion_table, "_swept_boxes", lambda _, carried: np.tile([[[-1e4] * 3, [1e4] * 3]], (len(carried), 1, 1))
+        motion_table,
+        "_swept_boxes",
+        lambda _, carried, step_s: np.tile([[[-1e4] * 3, [1e4] * 3]], (len(carried), 1, 1)),
     )
     expected = Simulator(crowd(), sensor, rays=rays).render(seed=2)
     assert len(np.unique(cloud.body)) > 33

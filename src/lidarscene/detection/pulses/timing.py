@@ -36,17 +36,6 @@ def curvature_of(shots: Received, power: Lanes, bend: Lanes, *, mask: Mask) -> L
     return ops.where(mask, curved / (broadening * broadening), 1.0)
 
 
-def gains(shots: Received, curved: Lanes) -> tuple[Lanes, Lanes]:
-    """Gains of the receiver's matched filter for the height of a rise, (n,), and for lasting light; 1 without one.
-
-    Args:
-        curved: (n,) `curvature` of the rise
-    """
-    if not shots.sensor.matches:
-        return 1.0, 1.0
-    return sampling.matched_gain(curvature=curved), sampling.LASTING_GAIN
-
-
 def amplitude(shots: Shots, trip: Trip, *, lag_s: Lanes) -> Lanes:
     """Measured peak, (n,) in signal units; its noise is correlated with that of the instant that is timed.
 
@@ -189,8 +178,8 @@ def _power_above_base_w(shots: Received, rise: Rise, trip: Trip) -> Lanes:
     """Peak power of a pulse above the light on which it stands, (n,)."""
     if isinstance(trip.base, float):
         return rise.top[0]
-    base = trip.base / sampling.LASTING_GAIN if shots.sensor.matches else trip.base
-    return rise.top[0] - shots.ops.where(trip.base > 0.0, shots.point.response.power_w(base), 0.0)
+    base_w = shots.point.response.power_w(trip.base / shots.sensor.lasting_gain)
+    return rise.top[0] - shots.ops.where(trip.base > 0.0, base_w, 0.0)
 
 
 def _fwhm_s(shots: Shots) -> Lanes:

@@ -27,7 +27,8 @@ WAVES = 512
 """Waves of a surface, 64 to an octave."""
 
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
-_ROWS = 4096  # points at a time: 8 MB of phases
+_LINES = 32  # rows of places at a time: half a megabyte stays in a cache
+_ROWS = 256  # places at a time: the megabyte of their phases is kept from one to the next; more are new pages each time
 
 
 def density_m3(roughness: Roughness) -> float:
@@ -87,8 +88,8 @@ class RoughSurface:
         height_m = np.zeros((len(begin_m), count))
         if not self.amplitude_m.any():
             return height_m
-        for first in range(0, len(begin_m), _ROWS // 8):
-            rows = slice(first, first + _ROWS // 8)
+        for first in range(0, len(begin_m), _LINES):
+            rows = slice(first, first + _LINES)
             wave = self.amplitude_m * np.exp(2j * np.pi * (begin_m[rows] @ self.wave_per_m.T + self.phase))
             turn = np.exp(2j * np.pi * (step_m[rows] @ self.wave_per_m.T))
             for column in range(count):

@@ -36,7 +36,6 @@ from .tuning import (
     LEAST_SHARE,
     LEAST_SIGNAL,
     LENS_BOUNDS,
-    LENS_RATIOS,
     LENS_SIGMAS,
     LOG_RANGE_STEP,
     LONGEST_STRETCH,
@@ -169,8 +168,9 @@ class LensCurve:
             ratio: (m, k) ranges over R0
             lenses: (m, 1) of each of the `LENSES`
         """
-        places, number = np.append(LENS_RATIOS, FAR_RATIO), np.size(lenses[0])
-        offset, crossing, focus, scattered = (np.repeat(lens, len(places)) for lens in lenses)
+        places = np.reshape(ratio, (np.size(lenses[0]), -1))
+        places = np.append(places, np.full_like(places[:, :1], FAR_RATIO), axis=1)
+        offset, crossing, focus, scattered = (np.repeat(lens, places.shape[1]) for lens in lenses)
         with np.errstate(divide="ignore"):
             alignment = Alignment(
                 offset_m=offset * self._aperture_m,
@@ -178,12 +178,9 @@ class LensCurve:
                 focus_m=self._r0_m / focus,
                 scattered=scattered,
             )
-        shares = replace(self._geometry, alignment=alignment).share(self._r0_m * np.tile(places, number))
-        shares = shares.reshape(number, len(places))
-        tables = np.log(np.maximum(shares[:, :-1] / shares[:, -1:], LEAST_SHARE))
-        logs = np.log(np.reshape(ratio, (number, -1)))
-        curves = [np.interp(row, np.log(LENS_RATIOS), table) for row, table in zip(logs, tables, strict=True)]
-        return np.exp(curves).reshape(np.shape(ratio))
+        shares = replace(self._geometry, alignment=alignment).share(self._r0_m * places.ravel())
+        shares = shares.reshape(places.shape)
+        return np.reshape(np.maximum(shares[:, :-1] / shares[:, -1:], LEAST_SHARE), np.shape(ratio))
 
 
 def _spot(sensor: Sensor) -> float:

@@ -66,9 +66,6 @@ LEAST_GAIN = 0.2
 """Choice: least share of the error on held-out blocks by which free lenses must lower it, since they have four numbers
 more."""
 
-LENS_RATIOS = np.geomspace(0.02, 50.0, 80)
-"""Accuracy bought: ranges over R0 at which the overlap of free lenses is integrated: the curve between is smooth."""
-
 CURVE_STEP = 1e-3
 """Accuracy bought: step of the differences that are the slopes of the curve: it is smooth."""
 

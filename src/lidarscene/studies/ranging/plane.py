@@ -22,7 +22,7 @@ from ...light.echoes import Ambient, Echoes, receive
 from ...light.fluctuations import FluctuationLaw
 from ...light.hits import Hits
 from ...maths.arrays import Lanes, Numbers, xp
-from ...physics.electronics import range_limit, sampling
+from ...physics.electronics import range_limit
 from ...physics.optics import radiometry, scintillation, sunlight
 from ...scene.scene import Air
 from ...sensor.detectors import WorkingPoint
@@ -154,16 +154,9 @@ def _response(sensor: Sensor, light: Echoes) -> tuple[WorkingPoint, Numbers, Num
     """The working point, the peak signal and the comparator's level, in the shape of the light."""
     point = sensor.working_point(light.background_power_w, range_m=light.range_m)
     ones = np.ones_like(light.range_m)
-    height_w = filter_gain(sensor, light.broadening) * light.peak_power_w
+    height_w = light.peak_power_w * sensor.height_gain(light.curvature)
     signal, level = point.response.signal(height_w) * ones, sensor.threshold(point) * ones
     return point, np.asarray(signal), np.asarray(level)
-
-
-def filter_gain(sensor: Sensor, broadening: Lanes | None) -> Lanes:
-    """Gain of the receiver's matched filter for the height of an echo that is longer than its pulse; 1 without one."""
-    if broadening is None or not sensor.matches:
-        return 1.0
-    return sampling.matched_gain(curvature=1.0 / (broadening * broadening))
 
 
 def _ratio(signal: Numbers, level: Numbers) -> Numbers:
@@ -199,17 +192,16 @@ def expected_probability(
     level: Lanes,
     peak_power_w: Lanes,
     variance: Lanes | None,
-    broadening: Lanes | None = None,
+    curvature: Lanes = 1.0,
 ) -> Lanes:
     """P_d of an echo with its own shot noise, the mean over its fluctuation if it has one.
 
     Args:
         peak_power_w: its mean
         variance: `fluctuation_variance`
-        broadening: `light.echoes.Echoes.broadening`
+        curvature: `light.echoes.Echoes.curvature`
     """
-    curvature: Lanes = 1.0 if broadening is None else 1.0 / (broadening * broadening)
-    peak_power_w = filter_gain(sensor, broadening) * peak_power_w
+    peak_power_w = peak_power_w * sensor.height_gain(curvature)
 
     def probability(relative_power: Lanes) -> Lanes:
         signal = point.response.signal(peak_power_w * relative_power)
@@ -225,7 +217,7 @@ def detection_probability(sensor: Sensor, target: Target, range_m: Numbers | flo
     point, _, level = _response(sensor, light)
     variance = fluctuation_variance(sensor, target, light.range_m)
     with np.errstate(over="ignore"):  # exp(-x^2) of a vanishing noise
-        return np.asarray(expected_probability(sensor, point, level, light.peak_power_w, variance, light.broadening))
+        return np.asarray(expected_probability(sensor, point, level, light.peak_power_w, variance, light.curvature))
 
 
 def _crossing_m(excess: Callable[[Numbers], Numbers], near: Numbers, far: Numbers) -> Numbers:

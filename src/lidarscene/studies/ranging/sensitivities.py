@@ -136,14 +136,14 @@ def _detection(sensor: Sensor, target: Target, range_m: Lanes, *, deviate: Lanes
     power_w = light.peak_power_w
     if variance is not None:
         power_w = power_w * scintillation.relative_power(deviate, variance)
-    return plane.expected_probability(sensor, point, sensor.threshold(point), power_w, None, light.broadening)
+    return plane.expected_probability(sensor, point, sensor.threshold(point), power_w, None, light.curvature)
 
 
 def _snr(sensor: Sensor, target: Target, range_m: Lanes, *, deviate: Lanes) -> Lanes:
     """`plane.snr`, which is that of the mean power whatever the deviate."""
     light = plane.light_of_plane(sensor, target, range_m)
     point = sensor.working_point(light.background_power_w, range_m=light.range_m)
-    return point.snr(point.response.signal(light.peak_power_w))
+    return point.snr(point.response.signal(light.peak_power_w * sensor.height_gain(light.curvature)))
 
 
 def sensitivities(
