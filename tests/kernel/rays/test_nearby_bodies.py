@@ -200,8 +200,21 @@ def test_worlds_of_other_simulators_compile_nothing() -> None:
         others.clear()
 
 
-def test_one_kernel_asks_all_scenes() -> None:
+def test_no_kernel_of_a_card_is_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A card compiles 23,566 operations in 52 s: there each meeting is a kernel of its own, with the same cloud."""
+    sensor = chain.sensor("table1-apd", *SENSOR)
+    whole = Simulator(load_scene("drive"), sensor).render(seed=1)
+    monkeypatch.setattr(transfer, "is_cuda", lambda: True)
+    with launches.launched() as kernels:
+        split = Simulator(load_scene("drive"), sensor).render(seed=1)
+    assert 1000 < max(kernel["operation_count"] for kernel in kernels) < 10_000
+    np.testing.assert_array_equal(split.xyz_m, whole.xyz_m)
+    np.testing.assert_array_equal(split.intensity, whole.intensity)
+
+
+def test_one_kernel_asks_all_scenes(monkeypatch: pytest.MonkeyPatch) -> None:
     """Scenes that do not share a pipeline need kernels of their own on a GPU, where `emulated_gpu` runs this, too."""
+    monkeypatch.setattr(transfer, "split_kernel", lambda *values: None)
     simulator = Simulator(load_scene("drive"), chain.sensor("table1-apd", *SENSOR))
     with launches.launched() as kernels:
         cloud = simulator.render(seed=1)
