@@ -15,6 +15,7 @@ ENDINGS = {
     "dies": ("os.abort()", ()),
     "hangs": ("wait_for_ever()", ("-o", "faulthandler_timeout=3", "-o", "timeout=4")),
 }
+AS_MAKE = "-p helpers.dead_workers -p no:cacheprovider -n 2 --dist loadfile --no-loadscope-reorder"
 CULPRIT = """
 import os, threading
 
@@ -42,27 +43,9 @@ def test_a_run_ends_with_the_worker_of_a_test(ending: str, tmp_path: Path) -> No
     (tmp_path / "test_a.py").write_text(CULPRIT.format(call=call))
     (tmp_path / "test_b.py").write_text(SLOW)
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
+    start = [sys.executable, "-m", "pytest", "-c", TESTS.parent / "pyproject.toml", "--rootdir", tmp_path]
     done = subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "pytest",
-            "-c",
-            TESTS.parent / "pyproject.toml",
-            "--rootdir",
-            tmp_path,
-            "-p",
-            "helpers.dead_workers",
-            "-p",
-            "no:cacheprovider",
-            "-n",
-            "2",
-            "--dist",
-            "loadfile",
-            "--no-loadscope-reorder",
-            *options,
-            tmp_path,
-        ],
+        [*start, *AS_MAKE.split(), *options, tmp_path],
         env=environment | {"PYTHONPATH": str(TESTS)},
         cwd=tmp_path,
         capture_output=True,

@@ -78,24 +78,7 @@ EXPECTED = {
 }
 NAMES = (*EXPECTED, *catalog.vehicles())
 SAMPLES = ("hatchback_428", "pickup_533", "bus_1195", "articulated_1650", "motorcyclist_211", "cyclist_182")
-SCENE_NAMES = (
-    "car",
-    "range",
-    "street",
-    "garage",
-    "drive",
-    "glass",
-    "fog",
-    "foliage",
-    "rain",
-    "edges",
-    "low_sun",
-    "snow",
-    "parallax",
-    "interference",
-    "retro",
-    "town",
-)
+SCENE_NAMES = sorted(path.stem for path in SCENES.glob("*.toml"))
 
 
 @pytest.fixture(scope="module")
@@ -152,7 +135,6 @@ def first_hits(corners, origin, directions):
 
 def test_the_list_here_is_the_list_on_disk():
     assert {path.stem for path in MESHES.glob("*")} == set(NAMES)
-    assert {path.stem for path in SCENES.glob("*.toml")} >= set(SCENE_NAMES)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -1,5 +1,6 @@
 """Data sets of jobs: parts, names, what is resumed, and tables that hold together."""
 
+import itertools
 import json
 import math
 from collections import Counter, defaultdict
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.mistakes import mistakes, told
+from helpers.run_seed import chosen
 from helpers.small_job import use_no_worlds_of_others
 from helpers.walls import APPROACHED, LEFT_AND_RIGHT, MOVING, rig_text
 from scipy.spatial.transform import Rotation
@@ -238,8 +240,11 @@ def test_a_drawn_drive_is_rendered_with_its_draw(threads: Connect, tmp_path: Pat
 # --- files ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["kitti", "semantickitti", "nuscenes"])
-@pytest.mark.parametrize("options", ["", "truth = false\n", 'rigs = ["rig.toml"]\n', 'coordinates = "sensor"\n'])
+FORMATS = ("kitti", "semantickitti", "nuscenes")
+JOBS = ("", "truth = false\n", 'rigs = ["rig.toml"]\n', 'coordinates = "sensor"\n')
+
+
+@pytest.mark.parametrize(("name", "options"), chosen(4, list(itertools.product(FORMATS, JOBS))))
 def test_as_many_labels_as_clouds(threads: Connect, tmp_path: Path, name: str, options: str) -> None:
     job = read_job(tmp_path, f'dataset = "{name}"\nframes = 2\nseed_count = 3\n{options}{SPLITS}')
     assert run(job, tmp_path / "out", threads).rendered == len(job) == (12 if "rig" in options else 6)

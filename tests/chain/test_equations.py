@@ -126,13 +126,9 @@ CASES = {
         ),
         sqrt(1 + 2 + 3 + 4 + 5**2),
     ),
-    "14": (
+    "14, 15": (
         apd.light_shot_variance_a2(responsivity_a_w=K_PD, power_w=P_R, **AVALANCHE),
         2 * e * K_PD * P_R * M**2 * FM * BW,
-    ),
-    "15": (
-        apd.light_shot_variance_a2(responsivity_a_w=K_PD, power_w=P_RS, **AVALANCHE),
-        2 * e * K_PD * P_RS * M**2 * FM * BW,
     ),
     "16": (
         apd.dark_shot_variance_a2(surface_dark_current_a=IDS, bulk_dark_current_a=IDB, **AVALANCHE),
@@ -150,9 +146,8 @@ CASES = {
         reference_sipm.photon_detection_efficiency(quantum_efficiency=0.7, trigger_probability=0.5, fill_factor=0.6),
         0.7 * 0.5 * 0.6,
     ),
-    "22": (sipm.fired_cells_published(photons=N_SP, **CELLS), N * (1 - exp(N_SP * EXPONENT))),
+    "22, 23, S5": (sipm.fired_cells_published(photons=N_SP, **CELLS), N * (1 - exp(N_SP * EXPONENT))),
     "23, photons": (sipm.background_photons(power_w=P_RS, dead_time_s=DEAD, photon_energy_j=HNU), P_RS * DEAD / HNU),
-    "23": (sipm.fired_cells_published(photons=N_BP, **CELLS), N * (1 - exp(N_BP * EXPONENT))),
     "23, N_d": (sipm.dark_counts(cells=N, **DARK), N * DCR * DEAD),
     "24, photons": (
         sipm.signal_photons(peak_power_w=P_R, pulse_fwhm_s=FWHM, photon_energy_j=HNU),
@@ -162,7 +157,7 @@ CASES = {
         sipm.signal_cells_published(background_cells=125.0, dark_counts=0.005, photons=N_SP, **CELLS),
         (N - 125.0 - 0.005) * (1 - exp(N_SP * EXPONENT)),
     ),
-    "25": (
+    "25, S6": (
         sipm.fired_variance_published(fired=N * (1 - exp(N_BP * EXPONENT)), cells=N),
         N * (1 - exp(N_BP * EXPONENT)) * exp(N_BP * EXPONENT),
     ),
@@ -188,11 +183,6 @@ CASES = {
         5**7 * exp(-5) / factorial(7) * (1 - exp(-7 * PDE / N)),
     ),
     "S4": (sipm.fired_share_published(photons=N_SP, **CELLS), 1 - exp(N_SP * EXPONENT)),
-    "S5": (sipm.fired_cells_published(photons=N_SP, **CELLS), N * (1 - exp(N_SP * EXPONENT))),
-    "S6": (
-        sipm.fired_variance_published(fired=N * (1 - exp(N_SP * EXPONENT)), cells=N),
-        N * (1 - exp(N_SP * EXPONENT)) * exp(N_SP * EXPONENT),
-    ),
     "pulse energy": (pulse.pulse_energy_j(peak_power_w=PT, fwhm_s=FWHM), PT * FWHM * sqrt(pi / (4 * log(2)))),
 }
 

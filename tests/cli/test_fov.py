@@ -114,8 +114,6 @@ import sys
 sys.path.append({str(Path(__file__).parents[1])!r})
 import pytest
 from helpers.in_this_process import draw_roughly
-from helpers.walls import rig_text
-from helpers.walls import rig_text
 draw_roughly(pytest.MonkeyPatch())
 from lidarscene.cli.main import main
 code = main({argv!r})

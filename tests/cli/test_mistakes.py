@@ -92,7 +92,6 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     render | SCENE, -o/--output | lidarscene render -h
     render car | -o/--output | lidarscene render -h
     render cars -o a.ply | scene 'cars' | car?
-    render kar -o a.ply -q | scene 'kar' | car
     render table1-apd -o a.ply | scene 'table1-apd' | a sensor
     render job -o a.ply | scene 'job' | an example
     render JOB -o a.ply | a job file
@@ -102,21 +101,16 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     render latin.toml -o a.ply | latin.toml | UTF-8 | line 2
     render both.toml -o a.ply | both.toml | 1 more
     render none.toml -o a.ply | none.toml | no such file
-    render none.xml -o a.ply | none.xml | no such file
     render folder.toml -o a.ply | folder.toml | TOML file | a folder
     render folder.xml -o a.ply | folder.xml | Mitsuba XML | a folder
     render 'two\nlines.toml' -o a.ply | two\nlines.toml | no such file
-    render nowhere/street.toml -o a.ply | its name, street
     render '' -o a.ply | empty | render | variable of the shell
     render wall.toml -o a.ply --sed 1 | --sed 1
     render wall.toml -oa.ply -ob.ply | -o/--output | once
-    render wall.toml -o a.ply --seed 1 --seed=2 | --seed | once
     render wall.toml -o a.ply --no-deskew --deskew | --deskew/--no-deskew | once
     render wall.toml -o a.ply --frames 2 -- --frames | unrecognized arguments: -- --frames
     render wall.toml -o a.ply --verbose | --verbose | lidarscene render -h
-    render wall.toml -o a.ply --colour | --colour | --colours?
     render wall.toml -o a.ply --sensors vlp-16 | --sensors vlp-16 | --sensor?
-    render wall.toml -o a.ply --sensor vlp17 | sensor 'vlp17' | vlp-16
     render wall.toml -o a.ply --sensor car | sensor 'car' | a scene
     render wall.toml -o a.ply --sensor table1-apx | sensor 'table1-apx' | table1-apd?
     render wall.toml -o a.ply --sensor none.toml | none.toml | no such file
@@ -130,49 +124,38 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     render wall.toml -o a.ply --seed -1 | --seed | 0 | 4294967295 | -1
     render wall.toml -o a.ply --seed 4294967296 | --seed | 0 | 4294967295 | 4294967296
     render wall.toml -o a.ply --seed 1.5 | --seed | 0 | 4294967295 | 1.5
-    render wall.toml -o a.ply --seed abc | --seed | 0 | 4294967295 | abc
     render wall.toml -o a.ply --chunk 0 | --chunk | 1 | 2147483647 | 0
-    render wall.toml -o a.ply --chunk many | --chunk | 1 | 2147483647 | many
     render wall.toml -o a.ply --rays 5000 | --rays | 1 | 1024 | 5000
     render wall.toml -o a.ply --pose 1,2 | --pose | X,Y,Z[,YAW,PITCH,ROLL] | metres | 1e+08 | degrees | 1,2
-    render wall.toml -o a.ply --pose 1,2,3,4,5,6,7 | --pose | 1,2,3,4,5,6,7
     render wall.toml -o a.ply --pose nan,0,0 | --pose | nan,0,0
-    render wall.toml -o a.ply --pose -inf,0,0 | --pose | -inf,0,0
     render wall.toml -o a.ply --pose 1e300,0,0 | --pose | 1e300,0,0
     render wall.toml -o a.ply --pose a,b,c | --pose | a,b,c
     render wall.toml -o a.ply --pose 1,,2 | --pose | 1,,2
     render wall.toml -o a.ply --pose --json | --pose | one argument
     render wall.toml -o a.ply --pose 1 2 3 | --pose | X,Y,Z[,YAW,PITCH,ROLL] | metres | 1
     render wall.toml -o a.ply --coordinates car | --coordinates | 'car' | world, vehicle, sensor
-    render wall.toml -o a.ply --begin x | --begin | x
     render wall.toml -o a.ply --begin nan | --begin | nan
     render wall.toml -o a.ply --pulses 3 | --pulses | --waveforms
     render wall.toml -o a.ply --waveforms w.npz --pulses 5-1 | 0,100,2000-2010 | 5-1
     render wall.toml -o a --frames 0 | --frames | 1 | 10000 | 0
     render wall.toml -o a --frames 10001 | --frames | 1 | 10000 | 10001
-    render wall.toml -o a --frames x | --frames | 1 | 10000 | x
     render ending.toml -o a --frames 3 COARSE | ego | 0.00924 | 0.01384 s | 0 | 0.011 s
     render ending.toml -o a --begin 5 --frames 1 COARSE | ego | 5 | 5.0046 s | 0 | 0.011 s
     render ending.toml -o a --begin -1 --frames 1 COARSE | ego | -1 | -0.9954 s | 0 | 0.011 s
-    render wall.toml -o a.ply --sensor apd-905 --sensor=sipm-905 | --sensor | once
     render wall.toml -o a.ply --output b.ply | -o/--output | once
     render wall.toml -o a.ply --set gain=60 | 'gain' | detector.gain?
     render wall.toml -o a.ply --set peak_power=60 | 'peak_power' | laser.peak_power_w?
     render wall.toml -o a.ply --set laser.power=3 | 'laser.power' | laser.peak_power_w?
     render wall.toml -o a.ply --set power=50 | power | table | 50 | laser.peak_power_w?
     render wall.toml -o a.ply --set led.power_w=50 | 'led' | laser.peak_power_w?
-    render wall.toml -o a.ply --set lasr.power=50 | 'lasr' | laser?
-    render wall.toml -o a.ply --set laser.w=50 | 'laser.w' | wavelength_nm
     render wall.toml -o a.ply --set scanner.fov=9 | scanner.azimuth_fov_deg | scanner.elevation_fov_deg?
     render wall.toml -o a.ply --set laser.peak_power_w | KEY=VALUE | detector.gain=60
     render wall.toml -o a.ply --set laser.peak_power_w 75 | 75 | --set laser.peak_power_w=75
     render wall.toml -o a.ply --sun 3 | --sun | by --scene-set sun.illuminance_klux=VALUE
     render wall.toml -o a.ply --fog | --fog | by --scene-set weather.fog_visibility_km=VALUE
-    render wall.toml -o a.ply --power 3 | --power | by --set laser.peak_power_w=VALUE
     sweep apd-905 | 'sweep' | lidarscene range SENSOR --over AXIS
     catalog apd-905 | 'apd-905' | lidarscene catalog sensors apd-905 prints it
     render wall.toml -o a.ply --set sun.illuminance_klux=1 | 'sun' | the scene | --scene-set
-    render wall.toml -o a.ply --set sun.elevation_deg=1 | sun | --scene-set
     render wall.toml -o a.ply --set laser.wavelength_nm=800 | 'concrete' | 800 nm | 850 | 1550 nm
     render wall.toml -o a.ply --set scanner.azimuth_step_deg=1e-6 | 2^31 pulses
     render wall.toml -o a.ply --scene-set sun.klux=1 | 'sun.klux' | sun.illuminance_klux?
@@ -185,13 +168,9 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     render wall.toml -o out --rig two.toml --merge | --output out | .ply
     render wall.toml -o a.ply --rig two.toml --merge --coordinates sensor | --merge | --coordinates world | sensor
     render wall.toml -o a.ply --rig two.toml --merge --keep-missed m.npz | --keep-missed | --merge
-    render wall.toml -o a --rig two.toml --sensor table1-apd | --rig | both
-    render wall.toml -o a --rig none.toml | none.toml | no such file
     render wall.toml -o a --rig two.toml --set rear:tdc.stops=2 | 'rear' | left
     render wall.toml -o a --rig two.toml --set tdc.stop=2 | two.toml | sensors[0 "left"] | tdc.stop
     render none.toml -o a.abc | --output a.abc | SUFFIXES | --format
-    render none.toml -o a.txt | --output a.txt | .ply
-    render none.toml -o wall.toml | --output wall.toml | .ply
     render none.toml -o . | .ply
     render none.toml -o wall.toml/o.ply | wall.toml | a folder
     render none.toml -o /proc/none/o.ply | /proc/none | written
@@ -199,7 +178,6 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     render none.toml -o '' | empty | -o
     render none.toml -o a.ply --format las | --output a.ply | .las
     render none.toml -o a.ply --format pdc | --format | 'pdc' | pcd?
-    render none.toml -o a.ply --format pointcloud | --format | 'pointcloud'
     render none.toml -o a.bin --ascii | --ascii | ply | pcd
     render none.toml -o a.ply --labels coco | --labels | 'coco'
     render none.toml -o a.ply --range-image r.jpg | r.jpg | .png | .npz
@@ -207,10 +185,8 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     render none.toml -o a.ply --keep-missed o.csv | --keep-missed o.csv | .npz
     render none.toml -o a.ply --keep-rays r.csv | r.csv | .npz | .parquet | .ply
     render none.toml -o a.ply --frames 3 | --output a.ply | folder | --frames
-    render none.toml -o a.las --frames 2 | --output a.las | folder | --frames
     render none.toml -o wall.toml --frames 2 | --output wall.toml | folder | --frames
     render none.toml -o a.mcap --frames 2 --labels kitti | --labels | folder of clouds
-    render none.toml -o a --dataset kitty | --dataset | 'kitty' | kitti?
     render none.toml -o a.ply --dataset kitti | --output a.ply | folder | --dataset
     render none.toml -o a --dataset kitti --format kitti | --format | data set
     render none.toml -o a --dataset kitti --labels osi | --labels | data set
@@ -228,7 +204,6 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     render wall.toml -o a.ply --waveforms w.csv | --waveforms w.csv | .npz
     render wall.toml -o a.ply --waveforms w.npz --pulses 231 COARSE | pulses | 0 to 230
     render wall.toml -o a.ply --waveforms w.npz --pulses 0-99999999999 | --pulses | 0-99999999999
-    render wall.toml -o a.ply --waveforms w.npz --pulses x | --pulses | x
     render wall.toml -o a.ply --ambient a.jpg | --ambient a.jpg | .png | .npz
     render wall.toml -o a.ply --background-rays 0 | --background-rays | 1 | 1024 | 0
     render wall.toml -o a.ply --imu i.csv | --imu | [imu] | --set imu.model=bmi088
@@ -239,7 +214,6 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     render wall.toml -o a.ply --set=imu.rate_hz=0 | imu.rate_hz | > 0 | 0
     render wall.toml -o a.ply --set=imu.model=own.toml | own.toml | no such file
     render wall.toml -o a.pcap --sensor table1-apd | sensor 'table1-apd' | packets
-    render wall.toml -o a --sensor vlp-16 --format pcap | --output a | .pcap
     render wall.toml -o a.ply --sensor vlp-16 --format pcap | --output a.ply | .pcap
     render wall.toml -o a.pcap --sensor vlp-16 --deskew | --deskew | clouds | packets
     render wall.toml -o a.pcap --sensor vlp-16 --labels kitti | --labels | clouds
@@ -276,13 +250,10 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     '' view | empty | lidarscene
     view | CLOUD|DIR|SCENE|REC | lidarscene view -h
     view '' | empty | view
-    view none.ply | none.ply | no such file
-    view nothing.toml | nothing.toml | no such file
     view nothing.pcap | nothing.pcap | no such recording
     view nowhere/street.toml --save a.html | its name, street
     view a.blend | a.blend | Blender | glTF
     view notes.txt | notes.txt | '.txt' | .ply
-    view a.abc | a.abc | '.abc' | .ply
     view empty | empty | .las, .laz, .npz, .parquet, .pcd, .ply | none
     view empty.pcap | empty.pcap | points | packets | empty file
     view damaged.bin --save p.html | damaged.bin | rows of 16 bytes
@@ -296,7 +267,6 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     view wall.toml --save page.pdf | --save page.pdf | .html
     view wall.toml --save wall.toml/page.html | wall.toml/page.html | written
     view wall.toml --port 99999 | --port | 0 | 65535 | 99999
-    view wall.toml --sensor eye --save p.html | sensor 'eye'
     view wall.toml --set laser.colour=1 --save p.html | 'laser.colour'
     compare apd-905 sipm-905 | -o/--output | --sensors A,B
     compare apd-905 sipm-905 -o out | --sensors apd-905,sipm-905
@@ -307,33 +277,20 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     compare wall.toml -o out | wall.toml | --sensors A,B | two clouds | one
     compare wall.toml wall.toml -o out --sensors table1-apd,table1-sipm | --sensors | one scene | 2 files
     compare wall.toml -o out --sensors table1-apd | --sensors | 2 to 7 | commas
-    compare wall.toml -o out --sensors table1-apd, | --sensors | 2 to 7
-    compare wall.toml -o out --sensors table1-apd,nonsense | nonsense
-    compare none.toml -o out --sensors table1-apd,table1-sipm | none.toml
     compare wall.toml -o wall.toml --sensors table1-apd,table1-sipm | wall.toml | a folder
     compare wall.toml -o out --sensors table1-apd,table1-sipm --illuminance-klux 10,1 | klux that rise | 10,1
-    compare wall.toml -o out --sensors table1-apd,table1-sipm --illuminance-klux 0,1 | klux that rise | 0,1
     compare wall.toml -o out --sensors table1-apd,table1-sipm --illuminance-klux 1e9 | klux 1e+09 | 10000 klux
-    compare wall.toml -o out --sensors table1-apd,table1-sipm --illuminance-klux 1,20000 | klux | 20?
     compare cloud.ply b.ply -o out --illuminance-klux 1 | --illuminance-klux | scene | --sensors
-    compare cloud.ply b.ply -o out --same-beams | --same-beams | scene | --sensors
     compare cloud.ply b.ply -o out --seed 0 | --seed | scene | --sensors
-    compare cloud.ply b.ply -o out --set a=1 | --set | scene | --sensors
     compare a.ply b.ply -o out | a.ply | no such file
     compare wall.toml b.ply -o out | wall.toml | '.toml'
     range | SENSOR | lidarscene range -h
     range table1-apd --illuminance 1 | --illuminance-klux?
-    range nix | sensor 'nix'
-    range nix.toml | nix.toml | no such file
-    range wall.toml | wall.toml | 5 more | a scene file
     range table1-apd,table1-sipm | one sensor | spaces
     range table1-apd --csv o.csv | --csv | --over
-    range table1-apd --from 1 | --from | --over
-    range table1-apd --scale log | --scale | --over
     range table1-apd --plot a.png | --plot | --over
     range table1-apd --quantity snrs | --quantity | 'snrs' | snr?
     range table1-apd --over gain | --over gain | table1-apd.toml | detector.gain?
-    range table1-apd --over detector.gian | --over detector.gian | detector.gain?
     range table1-apd --over ranges | ranges | distance, illuminance_klux
     range table1-apd table1-sipm --over detector.gain | --over detector.gain | table1-sipm.toml
     range table1-apd --over detector.circuit_noise_na | 0 in table1-apd.toml | --from | --to
@@ -341,7 +298,6 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     range table1-apd --over detector.gain --from -3 --to 5 --scale log | more than 0 | -3
     range table1-apd --over detector.gain --from 5 --to 5 | --from | below --to
     range table1-apd --over detector.gain --set detector.gain=3 | --set detector.gain=3 | --over
-    range table1-apd --over distance --from 10 --to 5 | --from | below --to
     range table1-apd --over distance --from 2000 | --from | below --to
     range table1-apd --over distance --from 0 | --from 0 | more than 0
     range table1-apd --over distance --n 1 | --n | 2 | 100000 | 1
@@ -350,27 +306,20 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     range table1-apd --over distance --distance 5 | --distance | --over distance
     range table1-apd --over distance --aperture-law cosine | --aperture-law | --over elevation
     range table1-apd --over distance --plot o.jpg | --plot o.jpg | .png | .svg
-    range table1-apd --over distance --csv o.csv --plot o.jpg | --plot o.jpg | .png | .svg
     range table1-apd --over distance --csv o.txt | --csv o.txt | .csv
-    range table1-apd --over distance --csv notes.txt/o.csv | notes.txt | a folder
     range table1-apd --over distance --sensitivities | --sensitivities | --over
     range table1-apd --over illuminance_klux --from 0 | more than 0 | logarithmic | even steps
     range table1-apd --over illuminance_klux --to 100000 | --to 100000 | 0 | 10000 klux | 100?
     range table1-apd --over illuminance_klux --illuminance-klux 5 | --illuminance-klux | --over illuminance_klux
     range table1-apd --over illuminance_klux --distance 5 | --distance | --quantity snr | pd
     range table1-apd --over azimuth --from -95 --aperture-law mirror | 89 degrees
-    range table1-apd --set detector.gain | KEY=VALUE
     range table1-apd --set x:detector.gain=3 | 'x' | table1-apd
-    range table1-apd --set table1-sipm:detector.pde=1 | 'table1-sipm' | table1-apd
     range table1-apd --set detector.pde=0.3 | table1-apd.toml | --set detector.pde=0.3 | 'detector.pde'
-    range table1-apd --reflectivity 1.5 | --reflectivity 1.5 | 0 or more | up to 1
     range table1-apd --reflectivity 10 | --reflectivity 10 | 0 or more | up to 1 | 0.1?
     range table1-apd --illuminance-klux 100000 | --illuminance-klux 100000 | 0 or more | up to 10000 klux | 100?
-    range table1-apd --illuminance-klux -1 | --illuminance-klux -1 | 0 or more
     range table1-apd --incidence 91 | --incidence 91 | 0 or more | up to 90 deg
     range table1-apd --probability 1 | --probability 1 | 0.001 or more | up to 0.999
     range table1-apd --distance 0 | --distance 0 | more than 0
-    range table1-apd --distance -5 | --distance -5 | more than 0 | 1e+06 m
     range table1-apd --transmittance 0 | --transmittance 0 | more than 0 | up to 1
     range table1-apd --visibility 0 | --visibility 0 | more than 0
     range table1-apd --extinction -1 | --extinction -1 | 0 or more
@@ -378,42 +327,28 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     range table1-apd --sun-angle x | --sun-angle | number | x
     range table1-apd --eye-safety --sensitivities --json | --json | --sensitivities | --eye-safety
     range table1-apd table1-sipm --sensitivities --plot o.png | --plot | --over
-    range vlp-16 --csv '' | empty | --csv
     fov table1-apd | -o/--output | lidarscene fov -h
     fov -o out | SENSOR | --rig | none
     fov table1-apd --rig r.toml -o out | SENSOR | --rig | both
-    fov --rig none.toml -o out | none.toml | no such file
     fov table1-apd -o out --pose 0,0,1 | --pose | --scene
-    fov nonsense -o out | nonsense
-    fov table1-apd -o notes.txt | notes.txt | a folder
     fov table1-apd -o out --time 1,0.5 | --time | seconds that rise | 1,0.5
-    fov table1-apd -o out --time 0 | --time | seconds that rise | 0
     fov table1-apd -o out --time a,b | --time | seconds that rise | 0.1,0.5,1 | a,b
     fov table1-apd -o out --time 1000 | --time | 1000 s
     fov table1-apd -o out --cell 0 | --cell | 0.02 to 10 degrees | 0
-    fov table1-apd -o out --cell 0.001 | --cell | 0.02 to 10 degrees | 0.001
     fov table1-apd -o out --reflectivity -1 | --reflectivity -1
-    fov table1-apd -o out --illuminance-klux 100000 | --illuminance-klux 100000 | 0 or more | up to 10000 klux
-    fov table1-apd -o out --scene none.toml | none.toml | no such file
     fov table1-apd -o out --mask round | --mask | 'round'
-    paper out | lidarscene paper -h
     paper | -o/--output
     paper -o notes.txt | notes.txt | a folder
-    paper -o notes.txt/deep | notes.txt | a folder
     paper -o out more | more
     batch wall.toml -o out | wall.toml | 'scenes' | 1 more | a scene file
-    batch none.toml -o out | none.toml | no such file
     batch job -o notes.txt | --output notes.txt | folder | a file
     batch job -o out --workers 0 | --workers | 1 | 1024 | 0
     check | FILE | lidarscene check -h
-    catalog lasers | kind | 'lasers'
     catalog sensor | kind | 'sensor' | sensors?
     catalog sensors table1 | sensor 'table1' | table1-apd
-    catalog materials xyzzy | material 'xyzzy' | asphalt
     catalog materials brik | material 'brik' | brick
     catalog materials ../sensors/table1-apd | material '../sensors/table1-apd'
     catalog check vlp17 | sensor 'vlp17' | vlp-16
-    schema cloud | kind | 'cloud'
     schema scenes | kind | 'scenes' | scene?
     completion fish | 'fish'
     doctor --jsn | --jsn | --json? | lidarscene doctor -h
@@ -421,36 +356,28 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sensor --from notes.txt -o a.toml | json, OSF | pcap | (Ouster) | YAML | XML (Velodyne) | CSV | dat (Hesai)
     sensor --from . -o a.toml | a file | a folder
     sensor --from one.json -o mine.txt | --output mine.txt | .toml
-    sensor --from nothing.json -o a.toml | nothing.json | no such file
     sensor --from one.json --like table1-apd -o a.toml | --like table1-apd | spins
-    sensor --from one.json --like os9 -o a.toml | os9
-    twin none.pcap -o out | none.pcap | no such recording
     twin none.pcap -o out --frames 0-4 | --frames | numbers with commas | 0-4
     twin none.pcap -o out --held-out half | --held-out | number of a frame | half
     twin one.pcap -o out --held-out 0 | --held-out 0 | a frame
     twin one.pcap -o out --sensor vlp-16 | --sensor | 32 rings of the recording | 16 channels
     certify points.bin -o out | --metadata | --sensor NAME
     certify damaged.bin -o out | rows of 16 bytes
-    certify points.bin --sensor vlp-16 --frame 4 -o out | frame | 0 to 0 | 4
     certify one.pcap --scene wall.toml -o out | scene of a twin
     fit | lidarscene fit -h
     fit one.pcap --report r -o u.toml --poses p.csv --sensor os0-128 | --poses | --scene
     fit one.pcap --report r -o u.toml | --sensor | name
     fit one.pcap --report r -o u.toml --frames 1 --scene s.toml | --frames | --scene
-    fit one.pcap --report r -o u.toml --frames '1;2' --sensor os0-128 | --frames | numbers with commas | 1;2
     fit one.pcap --report r -o u.json --sensor os0-128 | u.json | .toml
     fit one.pcap --report r -o u.toml --sensor none.toml | --sensor none.toml | No such file
-    fit one.pcap --report r -o u.toml --sensor latin.toml | --sensor latin.toml | UTF-8
     fit one.pcap --report r -o u.toml --sensor broken.toml | sensor broken.toml | TOML
     stream wall.toml | --udp
     stream wall.toml --sensor vlp-16 | lidarscene stream -h
     stream wall.toml --udp 2368 | --udp | host | port | 127.0.0.1:2368 | 2368
     stream wall.toml --udp 127.0.0.1:0 | --udp | host | port | 127.0.0.1:0
     stream wall.toml --udp 127.0.0.1:9 --rate 0 | --rate | 0.001 | 1000 frames | 0
-    stream wall.toml --udp 127.0.0.1:9 --frames 0 | --frames | 1 | 10000 | 0
     stream wall.toml --udp 127.0.0.1:9 --sensor table1-apd | sensor 'table1-apd' | packets
     stream wall.toml --udp 127.0.0.1:9 --sensor vlp-16 --metadata a.json | --metadata | sensor 'vlp-16'
-    street --seed x -o out | --seed | 0 | 4294967295 | x
     street --length-m 10 -o out | street | length_m | >= 50 | 10.0
     street -o t.toml | --output | folder | t.toml
     street --length-m 60 --set length_m=70 -o out | --length-m | --set length_m=70 | both
@@ -471,24 +398,19 @@ def test_typed(run: Run, given: str, named: str) -> None:
 @mistakes(
     """
     laser.peak_power_w=-3 | laser.peak_power_w | >= 1e-06 | -3
-    laser.peak_power_w=big | laser.peak_power_w | number | "big"
     laser.peak_power_w=nan | laser.peak_power_w | finite number | NaN
+    laser.peak_power_w=big | laser.peak_power_w | number | "big"
     laser.pek_power_w=3 | 'laser.pek_power_w' | peak_power_w? | wavelength_nm
-    lasr.peak_power_w=3 | 'lasr' | laser? | optics
     laser=3 | laser | table | 3
-    scanner.azimuth_fov_deg=0 | scanner.azimuth_fov_deg | > 0 | 0
     scanner.elevation_fov_deg=0.0 | scanner.elevation_fov_deg | > 0 | 0.0
     scanner.azimuth_step_deg=41 | scanner | azimuth_step_deg | <= 40 | azimuth_fov_deg | 41
     scanner.type=galvo | scanner.type | 'raster' | galvo
-    detector.type=ccd | detector.type | 'apd' | ccd
     detector.cells=3 | 'detector.cells' | type, gain
     detector.gain=0.5 | detector.gain | >= 1 | 0.5
     detector.ionisation_ratio=0.1 | excess_noise_index | ionisation_ratio | both
     tdc.threshold_level=1 | threshold_to_noise | threshold_level | both
     tdc.threshold_to_noise=1e-30 | tdc.threshold_to_noise | >= 0.01 | 1e-30
     tdc.stops=1.5 | tdc.stops | whole number | 1.5
-    tdc.stops=0 | tdc.stops | >= 1 | 0
-    mounting.position_m=[1, 2] | mounting.position_m | longer | [1, 2]
     mounting.position_m=[1, 2, 3, 4] | mounting.position_m | at most 3 | 4
     detector.gain | KEY=VALUE
     =60 | KEY=VALUE

@@ -85,14 +85,6 @@ def test_a_range_beyond_the_window_is_said(run: Run) -> None:
     assert any("echoes from beyond 38.5 m are reported too near" in note for note in notes)
 
 
-def test_summary_as_json(run: Run) -> None:
-    entry = range_json(run, APD, "--distance", "350.604565", "--probability", "0.5")[APD]
-    assert entry["status"] == "found"
-    assert entry["range_pd50_m"] == pytest.approx(350.605, rel=1e-5)
-    assert entry["detection_probability"] == pytest.approx(0.5, abs=1e-6)
-    assert entry["distance_m"] == 350.604565
-
-
 @pytest.mark.parametrize(
     ("argv", "status", "word"),
     [
@@ -113,13 +105,6 @@ def test_statuses_have_words(run: Run, argv: tuple[str, ...], status: str, word:
     assert entry["status"] == status
     assert word in range_text(run, *argv)
     assert "nan" not in range_text(run, *argv)
-
-
-@pytest.mark.parametrize("air", [("--extinction", "0.001"), ("--visibility", "2"), ("--transmittance", "0.7")])
-def test_air(run: Run, air: tuple[str, str]) -> None:
-    entry = range_json(run, APD, *air)[APD]
-    assert 100 < entry["range_m"] < 350
-    assert air[0].removeprefix("--") in range_text(run, APD, *air)
 
 
 def test_fixed_threshold_has_no_closed_form(run: Run, tmp_path: Path) -> None:
@@ -229,14 +214,6 @@ def test_aperture_law(run: Run) -> None:
     assert high < middle
 
 
-@pytest.mark.parametrize("name", ["o.png", "o.svg"])
-def test_plot(run: Run, tmp_path: Path, name: str) -> None:
-    range_text(run, APD, SIPM, "--over", "distance", "--plot", name)
-    content = (tmp_path / name).read_bytes()
-    assert content.startswith(b"\x89PNG" if name.endswith("png") else b"<?xml")
-    assert len(content) > 10_000
-
-
 def test_plots_are_the_same_again(run: Run, rough_charts: None, tmp_path: Path) -> None:
     for name in ("a.svg", "b.svg"):
         range_text(run, APD, "--over", "distance", "--plot", name)
@@ -261,18 +238,6 @@ sys.exit(code)
     ran = run_python(code, LIDARSCENE_VARIANT="nonsense", DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so")
     assert_ended(ran)
     assert ran.stdout.endswith("\n[]\n")
-
-
-def test_sensitivities_as_json(run: Run) -> None:
-    """References: the summary's range, and the row of the laser's power as the text has it."""
-    entry = range_json(run, APD, "--sensitivities")[APD]
-    assert entry["range_m"] == pytest.approx(range_json(run, APD)[APD]["signal_range_m"], rel=1e-6)
-    text = range_text(run, APD, "--sensitivities")
-    rows = {row["parameter"]: row for row in entry["rows"]}
-    printed = next(line.split() for line in text.splitlines() if line.startswith("laser.peak_power_w"))
-    # Printed to four decimals.
-    assert rows["laser.peak_power_w"]["range_elasticity"] == pytest.approx(float(printed[3]), abs=1e-4)
-    assert rows["laser.peak_power_w"]["value"] == float(printed[1])
 
 
 def test_eye_safety_and_sensitivities(run: Run, tmp_path: Path) -> None:

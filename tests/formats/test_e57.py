@@ -9,46 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.clouds import small_cloud
-from helpers.formats import clipped_to_finite, need
+from helpers.formats import need
 from scipy.spatial.transform import Rotation
 
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.formats import e57
 
 N = 50
-
-
-def test_e57_in_pye57(tmp_path: Path, library: Any) -> None:
-    need("e57")
-    pye57 = library("pye57")
-    cloud = small_cloud(N)
-    cloud.save(tmp_path / "a.e57")
-    file = pye57.E57(str(tmp_path / "a.e57"))
-    header = file.get_header(0)
-    assert header.point_count == N
-    raw = file.read_scan_raw(0, ignore_unsupported_fields=True)
-    for i, axis in enumerate("XYZ"):
-        np.testing.assert_array_equal(raw[f"cartesian{axis}"], cloud.xyz_m[:, i])
-    np.testing.assert_array_equal(raw["intensity"], cloud.intensity)
-    np.testing.assert_array_equal(raw["rowIndex"], cloud.ring)
-    for column in cloud.columns[3:]:
-        if f"ls:{column.name}" in header.point_fields:
-            stored = e57_field(pye57, file, header, f"ls:{column.name}")
-            np.testing.assert_array_equal(stored, clipped_to_finite(cloud.column(column.name)).astype(float))
-    np.testing.assert_array_equal(e57_field(pye57, file, header, "timeStamp"), cloud.time_s)
-    np.testing.assert_array_equal(e57_field(pye57, file, header, "returnIndex"), cloud.return_number - 1.0)
-    assert len(header.point_fields) == len(cloud.columns)
-    file.close()
-
-
-def e57_field(pye57: Any, file: Any, header: Any, name: str) -> np.ndarray:
-    values = np.zeros(header.point_count)
-    buffers = pye57.libe57.VectorSourceDestBuffer()
-    buffers.append(pye57.libe57.SourceDestBuffer(file.image_file, name, values, len(values), True, True))
-    reader = header.points.reader(buffers)
-    reader.read()
-    reader.close()
-    return values
 
 
 def test_e57_pose_puts_the_scan_into_the_world(tmp_path: Path, library: Any, street_cloud: PointCloud) -> None:

@@ -1,27 +1,12 @@
-"""KITTI and nuScenes: as their own readers read them."""
+"""KITTI and nuScenes: blocks, and the order of coordinates; readers of theirs are in test_oracles.py."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from helpers.clouds import small_cloud
 
-from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.formats import kitti
-
-
-def test_kitti_and_nuscenes(tmp_path: Path, library: Any, street_cloud: PointCloud) -> None:
-    """Reference: pykitti's reader, and the reshape of the nuScenes devkit: five float32 a point."""
-    street_cloud.save(tmp_path / "a.bin")
-    street_cloud.save(tmp_path / "a.pcd.bin")
-    in_sensor_frame = street_cloud.in_sensor_frame()
-    theirs = library("pykitti.utils").load_velo_scan(str(tmp_path / "a.bin"))
-    np.testing.assert_array_equal(theirs[:, :3], in_sensor_frame.xyz_m)
-    np.testing.assert_array_equal(theirs[:, 3], in_sensor_frame.intensity)
-    nuscenes = np.fromfile(tmp_path / "a.pcd.bin", dtype=np.float32).reshape(-1, 5)
-    np.testing.assert_array_equal(nuscenes[:, :4], theirs)
-    np.testing.assert_array_equal(nuscenes[:, 4], in_sensor_frame.ring)
 
 
 def test_blocks_do_not_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -26,7 +26,7 @@ def cartesian(get: Any) -> np.ndarray:
 
 @pytest.mark.parametrize("truth", [False, True])
 def test_osi_in_betterosi(tmp_path: Path, library: Any, truth: bool) -> None:
-    """Reference: betterosi, from the OSI group's own definitions."""
+    """Reference: betterosi, from the OSI group's own definitions. All fields are in test_oracles.py."""
     columns = {"channel": np.arange(N) * 1000, "sensor_index": np.zeros(N), "status": np.arange(N) % 7}
     cloud = small_cloud(N, truth=truth, metadata={"frame_start_s": "2.25"}, **columns)
     cloud.save(tmp_path / "a.osi")
@@ -34,23 +34,10 @@ def test_osi_in_betterosi(tmp_path: Path, library: Any, truth: bool) -> None:
     assert (data.timestamp.seconds, data.timestamp.nanos) == (2, 250_000_000)
     (lidar,) = data.feature_data.lidar_sensor
     assert lidar.header.number_of_valid_detections == len(lidar.detection) == N
-    get = lambda *path: np.array([value_at(detection, path) for detection in lidar.detection])  # noqa: E731
-    np.testing.assert_allclose(cartesian(get), cloud.xyz_m, atol=1e-12)
-    np.testing.assert_array_equal(get("existence_probability"), cloud.detection_probability)
-    np.testing.assert_array_equal(get("beam_id", "value"), cloud.channel)
-    assert set(cloud.status.tolist()) == set(range(7))
     # Other (an echo), clutter, and invalid for tracking (an aliased echo): DetectionClassification of OSI.
-    np.testing.assert_array_equal(get("classification"), np.array([1, 3, 3, 3, 2, 3, 3])[cloud.status])
-    assert get("intensity").max() == pytest.approx(100.0)
-    np.testing.assert_allclose(get("intensity"), 100.0 * cloud.intensity / cloud.intensity.max(), rtol=1e-6)
-    np.testing.assert_allclose(get("echo_pulse_width"), 149_896_229.0 * cloud.pulse_width_s.astype(float), rtol=1e-12)
-    if truth:
-        np.testing.assert_array_equal(get("reflectivity"), cloud.reflectivity)
-        np.testing.assert_array_equal(get("radial_velocity"), -cloud.radial_velocity_m_s)  # towards the sensor
-        expected = [int(body) + 1 if body >= 0 else 2**64 - 1 for body in cloud.body]
-        assert [detection.object_id.value for detection in lidar.detection] == expected
-    else:
-        assert not lidar.detection[0].has_field("object_id")
+    classes = [int(value_at(detection, ("classification",))) for detection in lidar.detection]
+    assert classes == np.array([1, 3, 3, 3, 2, 3, 3])[cloud.status].tolist()
+    assert lidar.detection[0].has_field("object_id") == truth
 
 
 def test_sensors_of_a_rig_are_apart_in_osi(tmp_path: Path, library: Any) -> None:

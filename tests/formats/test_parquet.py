@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,27 +10,8 @@ from helpers.formats import need, written
 
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.formats import parquet
-from lidarscene.formats.category_array import CategoryArray
 
 N = 50
-
-
-def test_parquet_in_duckdb(tmp_path: Path, library: Any) -> None:
-    need("parquet")
-    duckdb = library("duckdb")
-    cloud = small_cloud(N)
-    cloud.save(tmp_path / "a.parquet")
-    columns = duckdb.sql(f"SELECT * FROM '{tmp_path / 'a.parquet'}'").fetchnumpy()
-    assert list(columns) == [c.name for c in cloud.columns]
-    for name, values in columns.items():
-        column = cloud.column(name)
-        if isinstance(column, CategoryArray) and column.has_names:
-            theirs = ["" if value is np.ma.masked else value for value in values]
-            assert theirs == column.as_names().tolist()
-        else:
-            np.testing.assert_array_equal(np.asarray(values), column, strict=True)
-    query = f"SELECT count(*) FROM '{tmp_path / 'a.parquet'}' WHERE class = 'car' AND status = 'echo'"
-    assert duckdb.sql(query).fetchall()[0][0] == len(cloud.select(class_="car", status="echo")) > 0
 
 
 def test_names_come_back_as_their_codes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

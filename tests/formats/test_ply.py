@@ -105,15 +105,6 @@ def test_size_is_header_plus_points(tmp_path: Path) -> None:
         assert (tmp_path / "a.ply").stat().st_size == head + n * small_cloud(0).to_numpy().itemsize
 
 
-@pytest.mark.parametrize("ascii", [False, True])
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_trimesh_reads_positions(tmp_path: Path, dtype: Any, ascii: bool) -> None:
-    cloud = small_cloud(50, xyz_m=small_columns(50)["xyz_m"].astype(dtype))
-    write_ply(tmp_path / "a.ply", cloud, ascii=ascii)
-    vertices = trimesh.load(tmp_path / "a.ply").vertices
-    np.testing.assert_allclose(vertices, cloud.xyz_m, rtol=1e-7)
-
-
 def test_no_column_is_of_a_type_that_readers_skip() -> None:
     """docs/conventions.md; the places are float or double."""
     assert {column.dtype for column in columns_of(truth=True, vectors=True)} <= set(OPEN3D_DTYPES)

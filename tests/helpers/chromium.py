@@ -16,21 +16,11 @@ from typing import Any
 from helpers.waiting import PATIENCE_S
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-FLAGS = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--disable-dev-shm-usage",
-    "--hide-scrollbars",
-    "--remote-debugging-pipe",
-)
+FLAGS = """
+    --headless --no-sandbox --disable-gpu --use-angle=swiftshader --enable-unsafe-swiftshader --disable-quic
+    --no-first-run --disable-background-networking --disable-component-update --disable-sync --disable-dev-shm-usage
+    --hide-scrollbars --remote-debugging-pipe
+"""
 
 
 def executable() -> str | None:
@@ -47,7 +37,7 @@ class Chromium:
         self._read, write = os.pipe()
         # The protocol speaks on file descriptors 3 and 4, whatever these pipes have got.
         shell = f'exec "$@" 3<&{read} 4>&{write}'
-        flags = [*FLAGS, f"--user-data-dir={profile}", f"--window-size={width},{height}"]
+        flags = [*FLAGS.split(), f"--user-data-dir={profile}", f"--window-size={width},{height}"]
         self._process = subprocess.Popen(
             ["bash", "-c", shell, "bash", str(executable()), *flags, "about:blank"],
             pass_fds=(read, write),

@@ -456,32 +456,12 @@ def _read_recording(path: Path, metadata: Path | None) -> None:
 
 
 ROOT = Path(__file__).parents[2]
-KEYS = (
-    "detector.gain",
-    "detector.pde",
-    "laser.peak_power_w",
-    "laser.pulse_ns",
-    "laser.divergence_mrad",
-    "optics",
-    "tdc",
-    "tdc.window_us",
-    "tdc.threshold_to_noise",
-    "scanner.azimuth_step_deg",
-    "scanner.type",
-    "scanner",
-    "a.b.c",
-    "",
-    "sun.illuminance_klux",
-    "bodies.wall.size_m",
-    "bodies.0.size_m",
-    "bodies.wall.pitch_deg",
-    "air.visibility_m",
-    "weather.rain_mm_h",
-    "bodies",
-    "sensor.name",
-    "laser.wavelength_nm",
-    ".".join("a" * 500),
-)
+WORDS = """
+    detector.gain detector.pde laser.peak_power_w laser.pulse_ns laser.divergence_mrad optics tdc tdc.window_us
+    tdc.threshold_to_noise scanner.azimuth_step_deg scanner.type scanner a.b.c sun.illuminance_klux bodies.wall.size_m
+    bodies.0.size_m bodies.wall.pitch_deg air.visibility_m weather.rain_mm_h bodies sensor.name laser.wavelength_nm
+"""
+KEYS = (*WORDS.split(), "", ".".join("a" * 500))
 
 
 def _apd() -> str:

@@ -388,76 +388,35 @@ def test_classes_of_osi(tmp_path: Path, library: Any) -> None:
 KITTI_TYPES = {"Car", "Van", "Truck", "Pedestrian", "Cyclist", "Tram", "Misc"}
 """Of KITTI's devkit that are counted; "Person_sitting" and "DontCare" are of its pictures."""
 
-SEMANTIC = {
-    "car": 10,
-    "bicycle": 11,
-    "bus": 13,
-    "motorcycle": 15,
-    "tram": 16,
-    "truck": 18,
-    "van": 20,
-    "trailer": 20,
-    "pedestrian": 30,
-    "child": 30,
-    "wheelchair_user": 30,
-    "person": 30,
-    "cyclist": 31,
-    "motorcyclist": 32,
-    "road": 40,
-    "parking": 44,
-    "sidewalk": 48,
-    "pavement": 48,
-    "ground": 49,
-    "kerb": 49,
-    "building": 50,
-    "fence": 51,
-    "wall": 52,
-    "barrier": 52,
-    "lane_marking": 60,
-    "vegetation": 70,
-    "terrain": 72,
-    "pole": 80,
-    "sign": 81,
-    "traffic_sign": 81,
-    "traffic_light": 80,
-    "animal": 99,
-    "traffic_cone": 99,
-    "bin": 99,
-    "unlabelled": 0,
-}
+SEMANTIC_ROWS = """
+    0 unlabelled; 10 car; 11 bicycle; 13 bus; 15 motorcycle; 16 tram; 18 truck; 20 van trailer
+    30 pedestrian child wheelchair_user person; 31 cyclist; 32 motorcyclist
+    40 road; 44 parking; 48 sidewalk pavement; 49 ground kerb; 50 building; 51 fence; 52 wall barrier; 60 lane_marking
+    70 vegetation; 72 terrain; 80 pole traffic_light; 81 sign traffic_sign; 99 animal traffic_cone bin
+"""
 """SemanticKITTI's numbers (semantic-kitti-api, config/semantic-kitti.yaml): 13 bus, 16 on rails, 20 other vehicle, 48
 sidewalk, 49 other ground, 52 other structure, 60 lane marking, 72 terrain, 80 pole, 81 traffic sign, 99 other object.
 """
 
-MOVING = {
-    "car": 252,
-    "cyclist": 253,
-    "pedestrian": 254,
-    "motorcyclist": 255,
-    "tram": 256,
-    "bus": 257,
-    "truck": 258,
-    "van": 259,
-    "trailer": 259,
-}
+MOVING_ROWS = "252 car; 253 cyclist; 254 pedestrian; 255 motorcyclist; 256 tram; 257 bus; 258 truck; 259 van trailer"
 """The same file: 253 moving bicyclist, 254 person, 255 motorcyclist, 256 on rails, 257 bus, 258 truck, 259 other."""
+
+
+def numbers_of(rows: str) -> dict[str, int]:
+    """Number of each class, of rows `NUMBER CLASS CLASS ...`."""
+    words = (row.split() for row in rows.replace("\n", ";").split(";") if row.strip())
+    return {name: int(number) for number, *names in words for name in names}
+
+
+SEMANTIC, MOVING = numbers_of(SEMANTIC_ROWS), numbers_of(MOVING_ROWS)
 
 
 def test_classes_of_kitti() -> None:
     assert {name: kind.semantic_kitti for name, kind in KINDS.items()} == SEMANTIC
     assert {kind.kitti for kind in KINDS.values() if kind.is_thing} == {*KITTI_TYPES, "DontCare"}
     assert {kind.kitti for kind in KINDS.values() if not kind.is_thing} == {"DontCare"}
-    expected = {
-        "car": "Car",
-        "van": "Van",
-        "truck": "Truck",
-        "tram": "Tram",
-        "cyclist": "Cyclist",
-        "person": "Pedestrian",
-        "pedestrian": "Pedestrian",
-        "child": "Pedestrian",
-        "wheelchair_user": "Pedestrian",
-    }
+    people = dict.fromkeys(("person", "pedestrian", "child", "wheelchair_user"), "Pedestrian")
+    expected = people | {name: name.capitalize() for name in ("car", "van", "truck", "tram", "cyclist")}
     assert {name: kind.kitti for name, kind in KINDS.items() if kind.kitti not in ("Misc", "DontCare")} == expected
     assert {name: kinds.MOVING[SEMANTIC[name]] for name in MOVING} == MOVING
     assert set(kinds.MOVING) == {SEMANTIC[name] for name in MOVING}
@@ -513,33 +472,38 @@ def test_levels_of_visibility(reached: int, level: str, token: str) -> None:
     assert (content["num_lidar_pts"], content["num_body_pts"], content["size"]) == (12, 7, [2.0, 4.0, 1.5])
 
 
-def test_a_box_that_reaches_out_of_the_picture() -> None:
-    """A block 2 m wide and high and 1 m deep, 10 m ahead and 8.5 m to the left, is in part left of pixel 0: the picture
-    ends 621 pixels to the left, with 720 pixels for each metre at 1 m.
-    """
+OUT = (621 - 720 * 9.5 / 9.5, 621 - 720 * 7.5 / 10.5)
+"""Left and right edge of a block whose corners are 9.5 m to the left at 9.5 m, and 7.5 m at 10.5 m."""
+
+
+@pytest.mark.parametrize(
+    ("place", "size_m", "expected", "truncated"),
+    [
+        (
+            (10.0, 8.5),
+            (1.0, 2.0, 2.0),
+            (0.0, 187.5 - 720 / 9.5, OUT[1], 187.5 + 720 / 9.5),
+            -OUT[0] / (OUT[1] - OUT[0]),
+        ),
+        # What is nearer than 0.1 m is drawn at that depth: 7200 and 5400 pixels off. The last pixels are 1241, 374.
+        ((1.0, 0.0), CAR, (0.0, 0.0, 1241.0, 374.0), 1.0 - 1241 * 374 / (14_400 * 10_800)),
+        ((10.0, -7.5), CAR, (621 + 720 * 6.5 / 12.0, 187.5 - 720 * 0.75 / 8.0, 1241.0, 187.5 + 720 * 0.75 / 8.0), None),
+        # The near face is 28 m off and 2 m wide, 1.5 m high.
+        ((30.0, 0.0), CAR, (621 - 720 / 28, 187.5 - 540 / 28, 621 + 720 / 28, 187.5 + 540 / 28), 0.0),
+        ((-20.0, 0.0), CAR, (0.0, 0.0, 0.0, 0.0), 1.0),
+        ((2.0, -30.0), CAR, (0.0, 0.0, 0.0, 0.0), 1.0),
+    ],
+)
+def test_rectangles_of_boxes(
+    place: tuple[float, float], size_m: tuple[float, ...], expected: tuple[float, ...], truncated: float | None
+) -> None:
+    """The picture ends 621 pixels to the left, with 720 pixels for each metre at 1 m; behind it nothing is seen."""
     from lidarscene.labels.files import _picture_box
 
-    size_m = np.array([1.0, 2.0, 2.0])
-    box = Box(body=0, name="", class_name="car", size_m=size_m, pose=street.pose_at(10.0, 8.5, 0.0, 0.0))
-    (left, top, right, low), truncated = _picture_box(box)
-    edges = [621 - 720 * 9.5 / 9.5, 621 - 720 * 7.5 / 10.5]  # 9.5 m to the left at 9.5 m, and 7.5 m at 10.5 m
-    assert edges[0] < 0 < edges[1]
-    assert (left, right) == pytest.approx((0.0, edges[1]))
-    assert (top, low) == pytest.approx((187.5 - 720 / 9.5, 187.5 + 720 / 9.5))
-    assert truncated == pytest.approx(-edges[0] / (edges[1] - edges[0]))
-
-
-def test_a_box_around_the_camera_and_one_to_the_right() -> None:
-    """What is nearer than a tenth of a metre is drawn at that depth; the last pixels are 1241 and 374."""
-    from lidarscene.labels.files import _picture_box
-
-    box = Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=street.pose_at(1.0, 0, 0, 0))
-    (left, top, right, low), truncated = _picture_box(box)
-    assert (left, top, right, low) == (0.0, 0.0, 1241.0, 374.0)
-    # Corners at y = -1 and 1 m, z = -0.75 and 0.75 m are 7200 and 5400 pixels off at 0.1 m.
-    assert truncated == pytest.approx(1.0 - 1241 * 374 / (14_400 * 10_800))
-    (left, _, right, _), _ = _picture_box(replace(box, pose=street.pose_at(10.0, -7.5, 0.0, 0.0)))
-    assert (left, right) == pytest.approx((621 + 720 * 6.5 / 12.0, 1241.0))
+    pose = street.pose_at(*place, 0.0, 0.0)
+    rectangle, share = _picture_box(Box(body=0, name="", class_name="car", size_m=np.array(size_m), pose=pose))
+    assert rectangle == pytest.approx(expected, abs=1e-9)
+    assert truncated is None or share == pytest.approx(truncated, abs=1e-9)
 
 
 @pytest.mark.parametrize(("body", "instance"), [(0, 1), (65_534, 65_535), (65_535, 1), (65_536, 2)])
@@ -638,20 +602,6 @@ def test_kitti_labels_what_its_camera_shows(tmp_path: Path, all_around: bool, ki
     assert all(box.has_points for box in boxes(cloud, scene))
     path, _ = write_labels(cloud, scene, tmp_path / "a.bin", format="kitti", all_around=all_around)
     assert [line.split()[0] for line in path.read_text().splitlines()] == kinds
-
-
-def test_a_box_behind_the_camera_has_no_rectangle() -> None:
-    from lidarscene.labels.files import _picture_box
-
-    box = Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=street.pose_at(-20.0, 0, 0, 0))
-    assert _picture_box(box) == ((0.0, 0.0, 0.0, 0.0), 1.0)
-    aside = replace(box, pose=street.pose_at(2.0, -30.0, 0.0, 0.0))
-    assert _picture_box(aside) == ((0.0, 0.0, 0.0, 0.0), 1.0)
-    centre = replace(box, pose=street.pose_at(30.0, 0.0, 0.0, 0.0))
-    (left, top, right, low), truncated = _picture_box(centre)
-    # The near face is 28 m off and 2 m wide, 1.5 m high.
-    assert (right - left, low - top) == pytest.approx((720 * 2 / 28, 720 * 1.5 / 28))
-    assert truncated == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.fixture
@@ -865,20 +815,6 @@ def test_boxes_of_a_later_frame_are_as_much_farther_on(sensors: int) -> None:
     assert np.linalg.norm(boxes_of_frames[0][0].velocity_m_s) == pytest.approx(10.0)
 
 
-def test_ground_truth_is_that_of_the_frames_start() -> None:
-    cloud, scene = render_driving(motion_in="in the points")
-    crossing, parked = boxes(cloud, scene, as_seen=False)
-    np.testing.assert_allclose(crossing.pose.position_m, [25.0, -2.0, 0.75], atol=1e-12)
-    np.testing.assert_allclose(parked.pose.position_m, [30.0, 12.0, 0.75], atol=1e-12)
-
-
-def test_moving_classes_of_semantic_kitti() -> None:
-    cloud, scene = render_driving(motion_in="removed")
-    semantic, _ = point_labels(cloud, scene)
-    assert set(semantic[cloud.body == 0].tolist()) == {252}
-    assert set(semantic[cloud.body == 1].tolist()) == {10}
-
-
 def test_visibility_of_a_rig() -> None:
     """Two sensors in one cloud: beams of each start where it stands."""
     second_sensor = street.pose_at(40.0, 20.0, 1.8, 200.0)
@@ -898,6 +834,8 @@ def test_visibility_of_a_rig() -> None:
 def test_what_stands_is_not_labelled_as_moving() -> None:
     """A course without speed is none; one that turns on the spot is one."""
     cloud, scene = render_driving(motion_in="removed")
+    semantic, _ = point_labels(cloud, scene)
+    assert (set(semantic[cloud.body == 0].tolist()), set(semantic[cloud.body == 1].tolist())) == ({252}, {10})
     for course, number in ((Course(), 10), (Course(yaw_rate_rad_s=0.1), 252), (Course(velocity_m_s=(0, 0, 1)), 252)):
         stands = replace(scene, bodies=(replace(scene.bodies[0], motion=course), *scene.bodies[1:]))
         semantic, _ = point_labels(cloud, stands)
@@ -985,6 +923,8 @@ def test_osi_files_have_the_start_of_the_frame(tmp_path: Path, library: Any) -> 
     (truth,) = osi_messages(path, "GroundTruth", library)
     place = truth.moving_object[0].base.position
     assert (place.x, place.y, place.z) == pytest.approx((25.0, -2.0, 0.75), abs=1e-12)
+    standing = boxes(cloud, scene, as_seen=False)[1]
+    np.testing.assert_allclose(standing.pose.position_m, [30.0, 12.0, 0.75], atol=1e-12)
 
 
 @pytest.mark.parametrize(

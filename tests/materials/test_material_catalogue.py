@@ -13,59 +13,6 @@ from lidarscene.materials.material_file import catalogue_material
 MATERIALS = Path(__file__).parents[2] / "src" / "lidarscene" / "catalog" / "materials"
 WAVELENGTHS = [850, 905, 940, 1064, 1550]
 
-NAMES = {
-    "asphalt",
-    "asphalt_wet",
-    "bark",
-    "black_plastic",
-    "brick",
-    "brick_beige",
-    "brushed_aluminium",
-    "car_paint_black",
-    "car_paint_blue",
-    "car_paint_dark_grey",
-    "car_paint_green",
-    "car_paint_grey",
-    "car_paint_red",
-    "car_paint_silver",
-    "car_paint_white",
-    "chrome",
-    "clear_glass",
-    "concrete",
-    "concrete_wet",
-    "cotton_cloth",
-    "denim",
-    "galvanised_steel",
-    "grass",
-    "hair",
-    "lamp_lens",
-    "lane_marking",
-    "leaf",
-    "leather",
-    "mirror_aluminium",
-    "mirror_chrome",
-    "orange_plastic",
-    "plaster_green",
-    "plaster_red",
-    "plaster_weathered",
-    "plaster_white",
-    "plaster_yellow",
-    "retroreflective_sheeting",
-    "roof_tiles",
-    "roof_tiles_dark",
-    "sandstone",
-    "shop_window",
-    "skin",
-    "soil",
-    "target_10",
-    "target_80",
-    "tinted_glass",
-    "tree_foliage",
-    "tyre_rubber",
-    "wire_mesh",
-    "wood",
-}
-
 COMMON = {"name", "description", "bsdf", "reflectivity"}
 EXTRA = {
     "diffuse": set(),
@@ -121,11 +68,6 @@ every_material = pytest.mark.parametrize("name", sorted(path.stem for path in MA
 def by_bsdf(*kinds: str) -> list[str]:
     """Names of the materials of these kinds."""
     return sorted(path.stem for path in MATERIALS.glob("*.toml") if load(path.stem)["bsdf"] in kinds)
-
-
-def test_every_named_material_exists():
-    """Scenes refer to materials by these names, so none may go missing."""
-    assert {path.stem for path in MATERIALS.glob("*.toml")} >= NAMES
 
 
 @every_material

@@ -1,6 +1,7 @@
 """Files that are completed on a thread while the next frame is traced: the same files, and no mistake is lost."""
 
 import threading
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,29 @@ def test_the_caller_goes_on_until_the_next_frame() -> None:
     assert completed == [1, 2]
 
 
+def test_several_frames_wait_for_the_disk_at_once() -> None:
+    """The caller waits only where too many do; each frame's turn comes when the one before is complete."""
+    goes_on, told_of = [threading.Event() for _ in range(3)], list[int]()
+
+    def close(number: int, in_turn: Callable[[], object]) -> None:
+        assert goes_on[number].wait(WAIT_S)
+        in_turn()
+        told_of.append(number)
+
+    with Closing(2) as closing:
+        for number, event in enumerate(goes_on):
+            with ExitStack() as files:
+                files.callback(close, number, closing.in_turn())
+                if number == 2:
+                    assert told_of == []
+                    goes_on[0].set()
+                closing(files)
+            if number == 1:  # is ready before the first, and waits
+                event.set()
+        goes_on[2].set()
+    assert told_of == [0, 1, 2]
+
+
 @pytest.mark.parametrize("failing", [0, 2])
 def test_a_file_that_cannot_be_written_ends_the_run(
     mi: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failing: int
@@ -74,7 +98,7 @@ def test_files_are_those_of_one_thread(mi: Any, tmp_path: Path, monkeypatch: pyt
     monkeypatch.setattr(kitti_dataset, "_write_text", noted)
     for name in ("beside", "alone"):
         if name == "alone":
-            monkeypatch.setattr(_Run, "_closes_later", lambda *_: False)
+            monkeypatch.setattr(_Run, "_closed_later", lambda *_: 0)
         outputs = Outputs(tmp_path / name, dataset=dataset)
         record(scene, "table1-apd", outputs=outputs, frames=2, overrides=COARSE)
     main = threading.main_thread().name

@@ -14,7 +14,6 @@ from helpers.walls import write_moving_rig
 import lidarscene
 from lidarscene import FrameOptions, Outputs, TraceOptions, load_rig, load_scene, load_sensor, record
 from lidarscene.errors import OptionWarning
-from lidarscene.formats.registry import DATASETS
 
 pytestmark = pytest.mark.usefixtures("small_pictures")
 
@@ -231,27 +230,6 @@ def test_the_first_frame_bears_what_comes_before_all(mi, moving: str) -> None:
     assert {"load", "build"} <= set(first)
     for seconds in later_frames:
         assert not {"load", "build"} & set(seconds)
-
-
-@pytest.mark.parametrize("dataset", list(DATASETS))
-@pytest.mark.parametrize(
-    "options", [{}, {"truth": False}, {"deskew": True}, {"deskew": True, "truth": False}, {"rig": True, "truth": False}]
-)
-def test_a_data_set_has_as_many_labels_as_clouds(
-    mi, moving: str, tmp_path: Path, dataset: str, options: dict[str, bool]
-) -> None:
-    sensor = load_rig("rig.toml") if options.get("rig") else None
-    outputs = Outputs("set", dataset=dataset, truth=options.get("truth", True), deskew=options.get("deskew", False))
-    changes = {} if sensor else {"overrides": SETS}
-    recorded = record(moving, sensor, outputs=outputs, frames=2, **changes)
-    clouds = [cloud.files["output"] for cloud in recorded.clouds]
-    assert len(clouds) == (4 if sensor else 2)
-    folder, suffix = ("label_2", ".txt") if dataset == "kitti" else ("labels", ".label")
-    labels = [cloud.parents[1] / folder / f"{cloud.stem}{suffix}" for cloud in clouds]
-    assert sorted(path for path in Path("set").rglob(f"{folder}/*")) == sorted(labels)
-    if dataset == "semantickitti":
-        # Four bytes a label, sixteen a point.
-        assert [4 * label.stat().st_size for label in labels] == [cloud.stat().st_size for cloud in clouds]
 
 
 def test_a_shorter_run_into_a_data_set_is_refused(mi, moving: str, tmp_path: Path) -> None:

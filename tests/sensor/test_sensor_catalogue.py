@@ -23,44 +23,35 @@ from lidarscene.studies.held import Held
 from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import Target
 
-SENSORS = {
-    "vlp-16",
-    "hdl-32e",
-    "hdl-64e",
-    "vls-128",
-    "os0-128",
-    "os1-128",
-    "os2-128",
-    "os0-128-rev7",
-    "os1-128-rev7",
-    "os2-128-rev7",
-    "osdome-128",
-    "pandar40p",
-    "pandar64",
-    "pandarqt",
-    "qt128c2x",
-    "ot128",
-    "pandarxt-16",
-    "pandarxt-32",
-    "rs-bpearl",
-    "rs-helios",
-    "rs-ruby-plus",
-    "vlp-32c",
-    "xt32m2x",
-    "livox-mid-40",
-    "livox-horizon",
-    "livox-avia",
-    "livox-mid-360",
-    "at128",
-    "rs-e1",
-    "mems-1550",
-    "sony-spad-189x600",
-}
-OF_MAKERS = sorted(SENSORS - {"mems-1550"})
 RECORDED = {"os0-128", "os0-128-rev7", "os1-128", "os2-128"}
 """Those whose power is that of a recording; their published ranges are not fitted."""
 SCALED = {"os1-128-rev7", "os2-128-rev7", "osdome-128"}
 """Those whose power is fitted to the published range times the ratio of the os0-128-rev7."""
+SHORTER = {
+    **dict.fromkeys(("vlp-16", "hdl-32e", "vlp-32c"), ("scanner.rotation_hz=-600",)),
+    "hdl-64e": ("scanner.rotation_hz=-2000",),
+    "vls-128": ("scanner.rotation_hz=-4000",),
+    **dict.fromkeys(
+        (*RECORDED, *SCALED, "ot128", "rs-ruby-plus"), ("scanner.columns_per_turn=4", "laser.repetition_rate_khz=5.12")
+    ),
+    "pandar40p": ("scanner.columns_per_turn=8", "laser.repetition_rate_khz=3.2"),
+    **dict.fromkeys(("pandar64", "pandarqt"), ("scanner.columns_per_turn=8", "laser.repetition_rate_khz=5.12")),
+    "qt128c2x": ("scanner.columns_per_turn=2", "laser.repetition_rate_khz=3.84", "scanner.rotation_hz=-10"),
+    "pandarxt-16": ("scanner.columns_per_turn=16", "laser.repetition_rate_khz=2.56"),
+    **dict.fromkeys(
+        ("pandarxt-32", "rs-bpearl", "rs-helios", "xt32m2x"),
+        ("scanner.columns_per_turn=16", "laser.repetition_rate_khz=5.12"),
+    ),
+    "livox-mid-40": ("scanner.frame_hz=200",),
+    **dict.fromkeys(("livox-horizon", "livox-avia", "livox-mid-360"), ("scanner.frame_hz=500",)),
+    "at128": ("scanner.columns_per_turn=12", "laser.repetition_rate_khz=10.24"),
+    "rs-e1": ("scanner.columns=32", "scanner.rows=8"),
+    "mems-1550": ("scanner.pulses_per_line=40", "scanner.lines=10"),
+    "sony-spad-189x600": ("scanner.columns=20", "scanner.rows=20"),
+}
+"""Sensors that scan as real ones do, with what makes their frames a few hundred pulses of the same mechanism."""
+SENSORS = sorted(SHORTER)
+OF_MAKERS = [name for name in SENSORS if name != "mems-1550"]
 
 
 @cache
@@ -75,42 +66,6 @@ def rows_of_quantity(name: str, quantity: str) -> list[Held]:
     return [row for row in check_sensor(name) if row.quantity == quantity]
 
 
-# Fewer pulses of the same mechanism.
-SHORTER = {
-    "vlp-16": ("scanner.rotation_hz=-600",),
-    "hdl-32e": ("scanner.rotation_hz=-600",),
-    "hdl-64e": ("scanner.rotation_hz=-2000",),
-    "vls-128": ("scanner.rotation_hz=-4000",),
-    "os0-128": ("scanner.columns_per_turn=4", "laser.repetition_rate_khz=5.12"),
-    "os1-128": ("scanner.columns_per_turn=4", "laser.repetition_rate_khz=5.12"),
-    "os2-128": ("scanner.columns_per_turn=4", "laser.repetition_rate_khz=5.12"),
-    "os0-128-rev7": ("scanner.columns_per_turn=4", "laser.repetition_rate_khz=5.12"),
-    "os1-128-rev7": ("scanner.columns_per_turn=4", "laser.repetition_rate_khz=5.12"),
-    "os2-128-rev7": ("scanner.columns_per_turn=4", "laser.repetition_rate_khz=5.12"),
-    "osdome-128": ("scanner.columns_per_turn=4", "laser.repetition_rate_khz=5.12"),
-    "pandar40p": ("scanner.columns_per_turn=8", "laser.repetition_rate_khz=3.2"),
-    "pandar64": ("scanner.columns_per_turn=8", "laser.repetition_rate_khz=5.12"),
-    "pandarqt": ("scanner.columns_per_turn=8", "laser.repetition_rate_khz=5.12"),
-    "qt128c2x": ("scanner.columns_per_turn=2", "laser.repetition_rate_khz=3.84", "scanner.rotation_hz=-10"),
-    "ot128": ("scanner.columns_per_turn=4", "laser.repetition_rate_khz=5.12"),
-    "pandarxt-16": ("scanner.columns_per_turn=16", "laser.repetition_rate_khz=2.56"),
-    "pandarxt-32": ("scanner.columns_per_turn=16", "laser.repetition_rate_khz=5.12"),
-    "rs-bpearl": ("scanner.columns_per_turn=16", "laser.repetition_rate_khz=5.12"),
-    "rs-helios": ("scanner.columns_per_turn=16", "laser.repetition_rate_khz=5.12"),
-    "rs-ruby-plus": ("scanner.columns_per_turn=4", "laser.repetition_rate_khz=5.12"),
-    "vlp-32c": ("scanner.rotation_hz=-600",),
-    "xt32m2x": ("scanner.columns_per_turn=16", "laser.repetition_rate_khz=5.12"),
-    "livox-mid-40": ("scanner.frame_hz=200",),
-    "livox-horizon": ("scanner.frame_hz=500",),
-    "livox-avia": ("scanner.frame_hz=500",),
-    "livox-mid-360": ("scanner.frame_hz=500",),
-    "at128": ("scanner.columns_per_turn=12", "laser.repetition_rate_khz=10.24"),
-    "rs-e1": ("scanner.columns=32", "scanner.rows=8"),
-    "mems-1550": ("scanner.pulses_per_line=40", "scanner.lines=10"),
-    "sony-spad-189x600": ("scanner.columns=20", "scanner.rows=20"),
-}
-
-
 def angles_deg(name: str, pulses: int) -> tuple[Any, Any]:
     azimuth, elevation = load_sensor(name).scanner.angles(np.arange(pulses, dtype=np.uint32))
     return np.degrees(np.asarray(azimuth)), np.degrees(np.asarray(elevation))
@@ -122,11 +77,7 @@ def by_channel(name: str, lasers: int) -> Any:
     return angles_deg(name, lasers)[1][np.argsort(np.asarray(channel))]
 
 
-def test_all_are_there() -> None:
-    assert set(catalog.names("sensors")) >= SENSORS
-
-
-@pytest.mark.parametrize("name", sorted(SENSORS))
+@pytest.mark.parametrize("name", SENSORS)
 def test_sources_tell_fitted_assumed_and_unknown(name: str) -> None:
     """The budget is nowhere passed off as the maker's."""
     sources = load_sensor(name).sources
@@ -496,7 +447,7 @@ def test_an_e1_reads_rows_from_the_bottom() -> None:
     assert scanner.time_s(middle + np.uint32(scanner.pulses))[0] == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize("name", sorted(SENSORS))
+@pytest.mark.parametrize("name", SENSORS)
 def test_a_frame_of_each(mi: Any, name: str) -> None:
     """A few hundred pulses into a white ball are echoes, at its radius; of a Sony array it fires every SPAD in each
     shot, on the leading edge (docs/photon_counting.md).
@@ -683,11 +634,6 @@ def test_check_of_what_is_not_published(capsys: pytest.CaptureFixture[str]) -> N
     assert report["false_points"]["published"] is None
 
 
-def test_check_of_an_unknown_sensor(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main.main(["catalog", "check", "vlp17"]) == 2
-    assert "did you mean vlp-16" in capsys.readouterr().err
-
-
 def tables_of(name: str) -> dict[str, Any]:
     return tomllib.loads((catalog.folder("sensors") / f"{name}.toml").read_text(encoding="utf-8"))
 
@@ -708,20 +654,11 @@ def every_key(tables: dict[str, Any], prefix: str = "") -> Iterator[str]:
             yield from every_key(value, f"{prefix}{key}.")
 
 
-def test_both_sensors_of_table_1_are_there() -> None:
-    assert {"table1-apd", "table1-sipm"} <= set(catalog.names("sensors"))
-
-
-@pytest.mark.parametrize("name", catalog.names("sensors"))
-def test_sensor_loads_under_its_own_name(name: str) -> None:
-    sensor = load_sensor(name)
-    assert sensor.name == name
-    assert sensor.description
-
-
 @pytest.mark.parametrize("name", catalog.names("sensors"))
 def test_every_number_has_a_source(name: str) -> None:
-    """A source by its dotted key, or by its table's."""
+    """A source by its dotted key, or by its table's; and the file has its name and a description."""
+    assert load_sensor(name).name == name
+    assert load_sensor(name).description
     tables = tables_of(name)
     sources = tables.pop("sources")
     numbers = list(number_keys(tables))

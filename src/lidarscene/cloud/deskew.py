@@ -7,6 +7,7 @@ A scanner measures its points one after the other while the vehicle drives: at 2
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
@@ -14,9 +15,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..files.arguments import checks_arguments
-from ..maths.motion_table import MotionTable, Placement
+from ..maths.motion_table import MotionTable, Placement, Travel
 from ..maths.pose import Pose
-from ..maths.trajectory import Motion, pose_at
+from ..maths.trajectory import Motion, poses_over
 from ..maths.vectors import Vector
 from .point_cloud import PointCloud
 
@@ -44,19 +45,30 @@ class Deskewing:
     traced_frame: Placement
 
     @classmethod
-    def of_frame(cls, motion: Motion, sensor: Pose, *, start_s: float, length_s: float) -> Deskewing:
-        """Build for a frame.
+    def of_frames(
+        cls, motion: Motion, sensors: Sequence[Pose], *, starts_s: Sequence[float], lengths_s: Sequence[float]
+    ) -> list[Deskewing]:
+        """Build for several frames, each as if alone.
 
         Args:
             motion: motion of the sensor in the world
-            sensor: its pose at the start in the coordinates of the points
+            sensors: its poses at the starts in the coordinates of the points
+            starts_s: start of each frame
+            lengths_s: length of each
         """
-        at_start = pose_at(motion, start_s)
-        length_s = max(length_s, SHORTEST_S)
-        paths = MotionTable.from_motions([motion], start_s=start_s, length_s=length_s, centre_m=at_start.position_m)
         # The traced frame has its origin at the sensor's position at the start.
-        traced_frame = sensor @ Pose(rotation=at_start.rotation.T)
-        return cls(sensor=Placement.of_pose(sensor), paths=paths, traced_frame=Placement.of_pose(traced_frame))
+        at_starts = poses_over(motion, np.array(starts_s))
+        frames = [
+            Travel(motions=[motion], start_s=start_s, length_s=max(length_s, SHORTEST_S), centre_m=at_start.position_m)
+            for start_s, length_s, at_start in zip(starts_s, lengths_s, at_starts, strict=True)
+        ]
+        traced_frames = [
+            sensor @ Pose(rotation=at_start.rotation.T) for sensor, at_start in zip(sensors, at_starts, strict=True)
+        ]
+        return [
+            cls(sensor=Placement.of_pose(sensor), paths=paths, traced_frame=Placement.of_pose(traced_frame))
+            for sensor, paths, traced_frame in zip(sensors, MotionTable.of_frames(frames), traced_frames, strict=True)
+        ]
 
     def points(self, points_m: Vector, pose: Placement) -> Vector:
         """Points of the sensor where ``pose`` has it, the motion's at the time of each; (n,) in double precision."""
@@ -95,7 +107,7 @@ def deskewed(
     if not len(cloud):
         return replace(cloud, metadata=removed)
     length_s = float(cloud.time_s.max() if length_s is None else length_s)
-    deskewing = Deskewing.of_frame(motion, goal, start_s=start_s, length_s=length_s)
+    (deskewing,) = Deskewing.of_frames(motion, [goal], starts_s=[start_s], lengths_s=[length_s])
     turned_back = np.array(deskewing.traced_frame.rotation).reshape(3, 3)
     moved = np.zeros_like(cloud.xyz_m)
     turned_blocks = []

@@ -72,10 +72,18 @@ class DeviceCloud:
     @exclusive
     def numpy(self) -> PointCloud:
         """The same cloud in NumPy, as `render` gives it; on a CPU in the same memory."""
-        description: dict[str, Any] = {name: getattr(self, name) for name in (*NAMES.values(), "metadata")}
         if not len(self):
-            return PointCloud(**CloudBuilder(vectors=self.vectors).fields(**description))
-        return PointCloud(**description | self.columns.in_numpy(), checked=True)
+            return self.without_points()
+        return PointCloud(**self._description | self.columns.in_numpy(), checked=True)
+
+    def without_points(self, **metadata: str) -> PointCloud:
+        """Names and metadata of the cloud in NumPy, with further ``metadata``."""
+        description = self._description | {"metadata": {**self.metadata, **metadata}}
+        return PointCloud(**CloudBuilder(vectors=self.vectors).fields(**description))
+
+    @property
+    def _description(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in (*NAMES.values(), "metadata")}
 
 
 class DeviceColumn:

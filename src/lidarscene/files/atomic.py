@@ -8,7 +8,6 @@ and the last rename stays.
 
 from __future__ import annotations
 
-import glob
 import hashlib
 import math
 import os
@@ -326,8 +325,11 @@ def _remove_stale(target: Path, temporary: Path) -> None:
         temporary: a new file: it tells the time of the disk, which may be another machine's
     """
     prefix, now_s = _part_prefix(target), temporary.stat().st_mtime
-    for name in glob.glob(glob.escape(prefix) + "*.part", root_dir=target.parent, include_hidden=True):
-        if mark := _MARK.fullmatch(name, len(prefix)):
+    names: list[str] = []
+    with suppress(OSError):  # whoever may write into a folder need not be allowed to list it
+        names = os.listdir(target.parent)
+    for name in names:
+        if name.startswith(prefix) and (mark := _MARK.fullmatch(name, len(prefix))):
             place, pid, start = mark.groups()
             part = target.with_name(name)
             is_dead = place == _place() and not _is_alive(int(pid), int(start))

@@ -25,7 +25,7 @@ from ..files.spool import Spool
 from ..formats.cloud_columns import frame_starts_s, sensor_positions_m
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
-from ..maths.trajectory import Riding, clipped, motion_in_frame
+from ..maths.trajectory import Riding, clipped, motion_in_frame, states_of
 from ..scene.scene import Ball, Body, Part, Scene, box_of
 from ..scene.scene_file import SceneChoice, load_scene
 from .kinds import kind_of
@@ -85,9 +85,24 @@ class Box:
 
     def seen_from(self, observer: Pose) -> Box:
         """Transform the box to the frame of an observer, whose pose is in the same frame as the box's."""
-        rotation = observer.rotation.T @ self.pose.rotation
-        position = observer.inverse_apply(self.pose.position_m[None])[0]
-        return replace(self, pose=Pose(position_m=position, rotation=rotation))
+        return boxes_seen_from([self], observer)[0]
+
+
+def boxes_seen_from(boxes: Sequence[Box], observer: Pose) -> list[Box]:
+    """`Box.seen_from` of several boxes, at least one."""
+    positions_m, rotations = _places([box.pose for box in boxes])
+    return _moved(boxes, observer.inverse_apply(positions_m), observer.rotation.T @ rotations)
+
+
+def _places(poses: Sequence[Pose]) -> tuple[Numbers, Numbers]:
+    """(n, 3) positions and (n, 3, 3) rotations of poses."""
+    return np.stack([pose.position_m for pose in poses]), np.stack([pose.rotation for pose in poses])
+
+
+def _moved(boxes: Sequence[Box], positions_m: Numbers, rotations: Numbers) -> list[Box]:
+    """Boxes at other poses, (n, 3) positions and (n, 3, 3) rotations."""
+    poses = (Pose(position_m=place_m, rotation=turn) for place_m, turn in zip(positions_m, rotations, strict=True))
+    return [replace(box, pose=pose) for box, pose in zip(boxes, poses, strict=True)]
 
 
 @checks_arguments
@@ -175,7 +190,7 @@ class BoxTally:
             (index, body)
             for index, body in enumerate(scene.bodies)
             if kind_of(body.class_name).is_thing
-            and box_of(_boxed(body)) is not None
+            and any(isinstance(part, Ball) or len(part.vertices_m) for part in _boxed(body.parts))
             and any(body.is_present(start_s) for start_s in starts_s)
             and (with_ego or not body.rides_with(scene.ego))
         ]
@@ -197,31 +212,28 @@ class BoxTally:
         if self.moves:
             np.add.at(self._time_ps, place, np.rint(points.time_s[counted] / 1e-12).astype(np.int64))
 
-    def place_boxes(self) -> None:
-        """Place the boxes at the mean time of their bodies' points."""
+    def place_boxes(self, *, seen_only: bool = False) -> None:
+        """Place the boxes at the mean time of their bodies' points.
+
+        Args:
+            seen_only: leave out bodies without an echo: in a town two thirds
+        """
         points = np.maximum(self._points_on.sum(axis=1), 1)
         starts_s = self._starts_s[0] + self._points_on @ (self._starts_s - self._starts_s[0]) / points
         seen_s = starts_s + self._time_ps * 1e-12 / points
-        # A walker has the shape of that time.
-        posed = [
-            (index, body.posed(float(time_s), float(start_s)))
-            for (index, body), start_s, time_s in zip(self._things, starts_s, seen_s, strict=True)
-        ]
-        standing = boxes_of_bodies(posed)
-        self._boxes = [
-            _carried(box, body, float(start_s), float(time_s))
-            for box, (_, body), start_s, time_s in zip(standing, self._things, starts_s, seen_s, strict=True)
-        ]
-        if self._ego is None or not self._boxes:
+        # All motions are asked at once, and the vehicle's for all bodies: one time costs as much as a hundred.
+        ego = [] if self._ego is None else [self._ego.at(clipped(times_s, self._ego)) for times_s in (starts_s, seen_s)]
+        kept = np.flatnonzero(self._points_on.any(axis=1) | (not seen_only))
+        self._things, self._points_on = [self._things[row] for row in kept.tolist()], self._points_on[kept]
+        self._boxes = _carried(self._things, starts_s[kept], seen_s[kept])
+        if not ego or not self._boxes:
             return
-        # As seen from the sensor then, but placed from its pose at the start of the frame. The vehicle is asked once
-        # for all bodies: on springs one time costs as much as a hundred.
-        ego_start = self._ego.at(clipped(starts_s, self._ego))
-        ego_seen = self._ego.at(clipped(seen_s, self._ego))
-        self._boxes = [
-            replace(box, pose=ego_start.pose(number) @ ego_seen.pose(number).inverse() @ box.pose)
-            for number, box in enumerate(self._boxes)
-        ]
+        # As seen from the sensor then, but placed from its pose at the start of the frame.
+        start, seen = (states.taken(kept) for states in ego)
+        back = seen.rotation.transpose(0, 2, 1)
+        between_m = start.position_m + _applied(start.rotation, _applied(-back, seen.position_m))
+        turned, (positions_m, rotations) = start.rotation @ back, _places([box.pose for box in self._boxes])
+        self._boxes = _moved(self._boxes, between_m + _applied(turned, positions_m), turned @ rotations)
 
     def count_points(
         self, xyz_m: Numbers, true_range_m: Numbers, body: Numbers, status: Numbers, sensor_index: Numbers
@@ -232,7 +244,8 @@ class BoxTally:
             columns = (column[of_sensor] for column in (true_range_m, body, status))
             points = _PointsByAzimuth(xyz_m[of_sensor], origin_m, *columns)
             # Few boxes are brought into the frame of the points, in place of many points into that of the boxes.
-            self._boxes = points.counted(self._boxes, [box.seen_from(self._to_world) for box in self._boxes])
+            if self._boxes:
+                self._boxes = points.counted(self._boxes, boxes_seen_from(self._boxes, self._to_world))
 
     def boxes(self) -> list[Box]:
         """Boxes with all counts."""
@@ -255,11 +268,14 @@ class GatheredBoxes:
 
     first: PointCloud
 
-    def __init__(
-        self, folder: str | os.PathLike[str], scene: Scene, *, as_seen: bool = True, with_ego: bool = False
-    ) -> None:
-        """Begin a frame; points are stored in ``folder`` if something moves. Options as of `BoxTally`."""
-        self._folder, self._scene, self._as_seen, self._with_ego = folder, scene, as_seen, with_ego
+    def __init__(self, folder: str | os.PathLike[str], scene: Scene, *, whole: bool = False) -> None:
+        """Begin a frame; points are stored in ``folder`` if something moves.
+
+        Args:
+            whole: take all bodies, with the ego vehicle's, where they are when the frame starts; False: those of which
+                points are in the box, where the cloud shows them
+        """
+        self._folder, self._scene, self._whole = folder, scene, whole
         self._tally: BoxTally | None = None
         self._spool: Spool | None = None
         self._waiting: list[list[Numbers]] = []
@@ -286,17 +302,17 @@ class GatheredBoxes:
         """Boxes of all clouds that were appended; call it once."""
         assert self._tally is not None
         if self._spool is not None:
-            self._tally.place_boxes()
+            self._tally.place_boxes(seen_only=True)
             for piece in self._waiting:
                 self._tally.count_points(*piece)
             for rows in self._spool.blocks():
                 xyz_m = np.stack([rows["x"], rows["y"], rows["z"]], axis=-1)
                 self._tally.count_points(xyz_m, *(rows[name] for name, _ in _WAITING_COLUMNS))
-        return self._tally.boxes()
+        return [box for box in self._tally.boxes() if self._whole or box.has_points]
 
     def _begin(self, points: CountedPoints) -> None:
         self.first = points.cloud
-        self._tally = BoxTally(points.cloud, self._scene, as_seen=self._as_seen, with_ego=self._with_ego)
+        self._tally = BoxTally(points.cloud, self._scene, as_seen=not self._whole, with_ego=self._whole)
         if self._tally.moves:
             position: list[tuple[str, Any]] = [(axis, points.columns[0].dtype) for axis in "xyz"]
             self._spool = Spool(self._folder, [*position, *_WAITING_COLUMNS])
@@ -357,19 +373,27 @@ def _require_pose(pose: Pose | None) -> Pose:
     return pose
 
 
-def _boxed(body: Body) -> Sequence[Part | Ball]:
-    """Return the parts that the box of a body encloses: all where it would enclose none."""
-    return [part for part in body.parts if isinstance(part, Ball) or part.in_box] or body.parts
+def _boxed(parts: Sequence[Part | Ball]) -> Sequence[Part | Ball]:
+    """Return the parts of a body that its box encloses: all where it would enclose none."""
+    return [part for part in parts if isinstance(part, Ball) or part.in_box] or parts
 
 
-def boxes_of_bodies(bodies: Sequence[tuple[int, Body]]) -> list[Box]:
-    """Boxes of bodies with surfaces, each with its index, at their poses in the scene, in the world frame."""
+def boxes_of_bodies(
+    bodies: Sequence[tuple[int, Body]], parts: Sequence[Sequence[Part | Ball]] | None = None
+) -> list[Box]:
+    """Boxes of bodies with surfaces, each with its index, at their poses in the scene, in the world frame.
+
+    Args:
+        parts: of each, in place of its own
+    """
     if not bodies:
         return []
-    extents_m = np.array([box_of(_boxed(body)) for _, body in bodies])
+    parts = [body.parts for _, body in bodies] if parts is None else parts
+    # Copies of a body share their parts.
+    extent_of = {key: box_of(_boxed(own)) for key, own in {id(own): own for own in parts}.items()}
+    extents_m = np.array([extent_of[id(own)] for own in parts])
     low, high = extents_m[:, 0], extents_m[:, 1]
-    rotation = np.stack([body.pose.rotation for _, body in bodies])
-    position_m = np.stack([body.pose.position_m for _, body in bodies])
+    position_m, rotation = _places([body.pose for _, body in bodies])
     axes = _axes(rotation)
     sizes_m = np.abs(np.einsum("nij,nj->ni", axes, high - low))
     centres_m = position_m + np.einsum("nij,nj->ni", rotation, 0.5 * (low + high))
@@ -386,14 +410,39 @@ def boxes_of_bodies(bodies: Sequence[tuple[int, Body]]) -> list[Box]:
     ]
 
 
-def _carried(box: Box, body: Body, start_s: float, time_s: float) -> Box:
-    """Return the box, which the body has at its pose in the scene, at a time of a frame that begins at ``start_s``."""
-    if body.motion is None:
-        return box
-    carried = body.pose.inverse() @ box.pose
-    motion = Riding(carrier=motion_in_frame(body.motion, start_s), pose=carried)
-    states = motion.at(clipped(np.array([time_s]), motion))
-    return replace(box, pose=states.pose(), velocity_m_s=states.velocity_m_s[0])
+def _carried(bodies: Sequence[tuple[int, Body]], starts_s: Numbers, seen_s: Numbers) -> list[Box]:
+    """Boxes of bodies, each with its index, in the world frame, where they are at (n,) times.
+
+    Args:
+        starts_s: (n,) when the frame of each begins
+    """
+    motions = {
+        row: motion_in_frame(body.motion, float(starts_s[row]))
+        for row, (_, body) in enumerate(bodies)
+        if body.motion is not None
+    }
+    if not motions:
+        return boxes_of_bodies(bodies)
+    # A walker has the shape of that time.
+    parts = [body.parts for _, body in bodies]
+    states = states_of([*motions.values()], seen_s[[*motions], None])
+    for number, row in enumerate(motions):
+        parts[row] = bodies[row][1].parts_at(float(seen_s[row]), float(starts_s[row]), states.taken(number))
+    placed = boxes_of_bodies(bodies, parts)
+    rides = {
+        row: Riding(carrier=motion, pose=bodies[row][1].pose.inverse() @ placed[row].pose)
+        for row, motion in motions.items()
+    }
+    states = states_of([*rides.values()], np.array([clipped(seen_s[row, None], ride) for row, ride in rides.items()]))
+    for number, row in enumerate(rides):
+        own = states.taken(number)
+        placed[row] = replace(placed[row], pose=own.pose(), velocity_m_s=own.velocity_m_s[0])
+    return placed
+
+
+def _applied(rotations: Numbers, vectors: Numbers) -> Numbers:
+    """(n, 3, 3) rotations of (n, 3) vectors."""
+    return np.asarray((rotations @ vectors[:, :, None])[:, :, 0])
 
 
 def upright_size_and_yaw(box: Box) -> tuple[Numbers, float]:
@@ -445,6 +494,8 @@ class _PointsByAzimuth:
 
     def _counted(self, box: Box, local: Box, near: Numbers) -> Box:
         """Return the box with those points and beams added that are near its direction."""
+        if not len(near):
+            return box
         half_m, into_box = 0.5 * local.size_m, local.pose.rotation.T
         start_m = into_box @ (self._origin_m - local.pose.position_m)
         points_m = into_box @ (self._xyz_m[near] - local.pose.position_m).T

@@ -151,11 +151,13 @@ class LabelTables:
         numbers = [*(kind.semantic_kitti + _THING * kind.is_thing for kind in kinds), UNLABELLED]
         bodies = np.full(len(scene.bodies) + 1, _AS_CLASS, np.int32)
         for index, body in enumerate(scene.bodies):
-            rests = body.motion is None or (isinstance(body.motion, Course) and body.motion.rests)
-            if not rests:
+            if body.motion is None:
+                continue
+            if body.rides_with(scene.ego):
+                # As with boxes: a network is to learn what the vehicle meets, not its own roof.
+                bodies[index] = -1 - UNLABELLED
+            elif not (isinstance(body.motion, Course) and body.motion.rests):
                 bodies[index] = MOVING.get(kind_of(body.class_name).semantic_kitti, _AS_CLASS)
-        # As with boxes: a network is to learn what the vehicle meets, not its own roof.
-        bodies[list(scene.own_bodies)] = -1 - UNLABELLED
         return cls(np.array(numbers, np.int32), bodies)
 
     def labels(self, class_id: Lanes, body: Lanes, status: Lanes) -> tuple[Any, Any]:
@@ -244,9 +246,7 @@ def kitti_stream(
         yield gathered.append
         sensor_pose = sensor_place(gathered.first)
         boxes = [
-            box.seen_from(sensor_pose)
-            for box in gathered.boxes()
-            if box.has_points and kind_of(box.class_name).kitti != NOT_IN_KITTI
+            box.seen_from(sensor_pose) for box in gathered.boxes() if kind_of(box.class_name).kitti != NOT_IN_KITTI
         ]
         lines = [_kitti_line(box) for box in boxes if all_around or _picture_box(box)[1] < 1.0] or [DONT_CARE]
         temporary.write_text("".join(line + "\n" for line in lines), encoding="utf-8")
@@ -278,7 +278,7 @@ def _nuscenes_stream(path: Path, scene: Scene) -> Iterator[Append]:
                 "translation": sensor_pose.position_m.tolist(),
                 "rotation": list(quaternion(sensor_pose.rotation)),
             },
-            "sample_annotations": [nuscenes_annotation(box) for box in gathered.boxes() if box.has_points],
+            "sample_annotations": [nuscenes_annotation(box) for box in gathered.boxes()],
         }
         temporary.write_text(json_text(content, indent=1) + "\n", encoding="utf-8")
 
@@ -304,10 +304,7 @@ def nuscenes_annotation(box: Box) -> dict[str, Any]:
 
 @contextmanager
 def _osi_stream(path: Path, scene: Scene) -> Iterator[Append]:
-    with (
-        atomic_output(path) as temporary,
-        GatheredBoxes(temporary.parent, scene, as_seen=False, with_ego=True) as gathered,
-    ):
+    with atomic_output(path) as temporary, GatheredBoxes(temporary.parent, scene, whole=True) as gathered:
         yield gathered.append
         truth = gathered_truth(gathered, scene)
         temporary.write_bytes(framed(truth.fields(gathered.first.frame_start_s)))

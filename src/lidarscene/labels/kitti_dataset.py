@@ -54,12 +54,14 @@ def frame_stream(
     *,
     sequence: str = "00",
     all_around: bool = False,
+    in_turn: Callable[[], object] = lambda: None,
 ) -> Iterator[Append]:
     """Write the clouds that are appended in the block, at least one, as a frame of a data set (`DATASETS`).
 
     Args:
         frame: number of the frame, from 0
         all_around: whether KITTI's boxes are those outside the camera's picture too
+        in_turn: waits until all earlier frames have their lines in files that have one for each
 
     Raises:
         InputError: for a cloud without truth, of which the labels are made
@@ -68,6 +70,7 @@ def frame_stream(
     with files_stream(dataset, clouds, scene, all_around=all_around) as (append, first):
         yield append
     if dataset != "kitti":
+        in_turn()
         _write_sequence(Path(folder) / "dataset", clouds.parents[1], frame, first[0])
 
 
@@ -209,7 +212,8 @@ def _write_line(path: Path, frame: int, line: str) -> None:
     if len(lines) < frame:
         raise InputError(f"{path}: must have {frame} lines before this frame, got {len(lines)}")
     if frame and len(lines) == frame and text.endswith("\n"):
-        # To write all lines anew, and wait for the disk, would take a long run most of its time.
+        # To write all lines anew, and wait for the disk, would take a long run most of its time. The frame's files are
+        # on the disk by now: a power failure may take the last lines, and then no line names a file that is not whole.
         name_path_in_errors(path, _append_line)(path, line)
     else:
         _write_text(path, [*lines[:frame], line])

@@ -7,11 +7,12 @@ copied.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..cloud.deskew import Deskewing
+from ..cloud.deskew import MOTION_REMOVED, Deskewing
 from ..cloud.device_cloud import DeviceCloud
 from ..cloud.point_cloud import PointCloud
 from ..formats.kitti import kitti_rows
@@ -58,22 +59,21 @@ class DeviceRows:
 
     @exclusive
     def __init__(
-        self, cloud: PointCloud, scene: Scene, deskewing: Deskewing | None, *, dataset: str, own_car: bool
+        self, scene: Scene, class_names: Sequence[str], deskewing: Deskewing | None, *, dataset: str, own_car: bool
     ) -> None:
         """Upload what the points have in common.
 
         Args:
-            cloud: names and metadata of the frame as the files have it
+            class_names: of the frame's clouds
             deskewing: frees the points from the sensor's motion; None: they keep it
             dataset: key of `formats.registry.DATASETS`
             own_car: whether points on the ego vehicle are among them
         """
-        tables = LabelTables.of_scene(scene, cloud.class_names)
-        self._cloud, self._dataset, self._own_car = cloud, dataset, own_car
+        tables = LabelTables.of_scene(scene, class_names)
+        self._dataset, self._own_car = dataset, own_car
         numbers = np.asarray(tables.classes), np.asarray(tables.bodies)
         self._tables = LabelTables(*map(transfer.whole_numbers, numbers))
         self._deskewing = transfer.opaque(deskewing, double=True)
-        self._sensor = transfer.opaque(Placement.of_pose(cloud.sensor_place), double=True)
 
     @exclusive
     def __call__(self, cloud: DeviceCloud) -> PointRows | None:
@@ -83,6 +83,9 @@ class DeviceRows:
             columns = columns.select(~self._tables.is_own(columns.array("body")))
             if not columns.count:
                 return None
+        removed = {} if self._deskewing is None else {"ego_motion": MOTION_REMOVED}
+        described = cloud.without_points(**removed)
+        sensor = transfer.opaque(Placement.of_pose(described.sensor_place), double=True)
         points_m, time_s = columns.positions(), columns.array("time_s")
         ops = xp(time_s)
         if self._deskewing is not None:
@@ -91,7 +94,7 @@ class DeviceRows:
             if not columns.is_far:
                 x, y, z = (ops.float64(ops.float32(axis)) for axis in (x, y, z))
             points_m = x, y, z
-        rows = [*map(ops.float32, self._sensor.point_within(points_m)), columns.array("intensity")]
+        rows = [*map(ops.float32, sensor.point_within(points_m)), columns.array("intensity")]
         body, status = columns.array("body"), ops.int32(columns.array("status"))
         if self._dataset == "kitti":
             places = points_m if columns.is_far else tuple(map(ops.float32, points_m))
@@ -99,7 +102,7 @@ class DeviceRows:
             times, xyz, points, *others = copy_rows(tables)
             true_range, of_body, statuses = (words[:, 0] for words in others)
             counted = CountedPoints(
-                cloud=self._cloud,
+                cloud=described,
                 columns=(
                     xyz.view(np.float64 if columns.is_far else np.float32),
                     true_range.view(np.float32),
@@ -109,7 +112,7 @@ class DeviceRows:
                 ),
                 time_s=times.view(np.float64)[:, 0],
             )
-            return PointRows(points.view(np.float32), counted, self._cloud)
+            return PointRows(points.view(np.float32), counted, described)
         labels = label_words(*self._tables.labels(columns.array("class_id"), body, status))
         points, words = copy_rows([rows, [labels]])
-        return PointRows(points.view(np.float32), words[:, 0], self._cloud)
+        return PointRows(points.view(np.float32), words[:, 0], described)

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -80,7 +80,10 @@ class Motion(Protocol):
         """True if the velocity is constant and the frame never turns."""
 
     def at(self, time_s: Numbers) -> States:
-        """States at (n,) times [s] in the span; beyond it, those at its end."""
+        """States at (n,) times [s] in the span; beyond it, those at its end.
+
+        Velocities are the derivatives of the poses: places between the instants of a table follow from both.
+        """
 
 
 def pose_at(motion: Motion, time_s: float = 0.0) -> Pose:
@@ -329,13 +332,14 @@ class Spline:
         """States of m splines at their own (m, n) times, as `at` of each."""
         segments = np.zeros(time_s.shape, dtype=np.int64)
         since_s, first = np.zeros(time_s.shape), 0
-        for row, motion in enumerate(motions):
-            times = clipped(time_s[row], motion)
+        rows = rows_by(motions)
+        for motion, own in rows.items():
+            times = clipped(time_s[own], motion)
             segment = np.clip(np.searchsorted(motion.time_s, times, side="right") - 1, 0, len(motion.poses) - 2)
-            since_s[row], segments[row] = times - motion.time_s[segment], first + segment
+            since_s[own], segments[own] = times - motion.time_s[segment], first + segment
             first += len(motion.poses) - 1
         # The segments of all splines are one list.
-        joined = _Segments.joined([motion._segments for motion in motions])
+        joined = _Segments.joined([motion._segments for motion in rows])
         return joined.at(segments.ravel(), since_s.ravel()).reshaped(time_s.shape)
 
 
@@ -373,11 +377,21 @@ class _BeyondEnds(_Carried):
 class HeldAtEnds(_BeyondEnds):
     """A motion extended beyond its span: at rest in its first pose before, in its last pose after.
 
+    Two are one if they extend the same motion: `Repeated.in_frame` makes one for each frame.
+
     Attributes:
         delay_s: time by which all of it is later
     """
 
     delay_s: float = 0.0
+
+    def __eq__(self, other: object) -> bool:
+        """Whether the other one extends the same motion, as late."""
+        return isinstance(other, HeldAtEnds) and self.motion is other.motion and self.delay_s == other.delay_s
+
+    def __hash__(self) -> int:
+        """Number for dictionaries: a motion need not have one."""
+        return hash((id(self.motion), self.delay_s))
 
     def carrier_at(self, time_s: Numbers) -> tuple[Motion, Numbers]:
         """The motion, at times clipped to its span."""
@@ -459,6 +473,24 @@ class Repeated(_BeyondEnds):
         return states
 
 
+def held_from_m_s(motion: Motion, first_s: float, last_s: float) -> float:
+    """Largest speed [m/s] that a motion has at an end of its span, within these times, at which it is held."""
+    speed_m_s, carried = 0.0, motion
+    while carried is not None:
+        if isinstance(carried, HeldAtEnds):
+            first_s, last_s = first_s - carried.delay_s, last_s - carried.delay_s
+            for end_s in carried.motion.span_s:
+                if first_s - CLOCK_ROUNDING_S <= end_s <= last_s + CLOCK_ROUNDING_S:
+                    velocity_m_s = carried.motion.at(np.array([end_s])).velocity_m_s
+                    speed_m_s = max(speed_m_s, float(np.linalg.norm(velocity_m_s)))
+        carried = next((getattr(carried, name) for name in _CARRIERS if hasattr(carried, name)), None)
+    return speed_m_s
+
+
+_CARRIERS = "motion", "carrier", "path"
+"""Attributes of motions that follow from another one, which is there."""
+
+
 def fastest_turn_rad_s(motion: Motion) -> float:
     """Bound of the rate of turn of a motion [rad/s]; infinite where the motion does not say it."""
     return float(getattr(motion, "fastest_turn_rad_s", math.inf))
@@ -480,10 +512,8 @@ def states_of(motions: Sequence[Motion], time_s: Numbers) -> States:
         if isinstance(motion, _Carried):
             carriers[row], carrier_times[row] = motion.carrier_at(time_s[row])
     below = None if carriers == list(motions) else states_of(carriers, carrier_times)
-    rows: dict[Any, list[int]] = {}
-    for row, motion in enumerate(motions):
-        rows.setdefault(getattr(type(motion), "together", None) if below is None else type(motion), []).append(row)
-    groups = []
+    kinds = [getattr(type(motion), "together", None) if below is None else type(motion) for motion in motions]
+    rows, groups = rows_by(kinds), []
     for kind, indices in rows.items():
         members, times = [motions[row] for row in indices], time_s[indices]
         if below is not None:
@@ -496,6 +526,17 @@ def states_of(motions: Sequence[Motion], time_s: Numbers) -> States:
     if len(groups) == 1:
         return groups[0]
     return States.joined(groups).taken(np.argsort([row for indices in rows.values() for row in indices]))
+
+
+Key = TypeVar("Key", bound=Hashable)
+
+
+def rows_by(keys: Sequence[Key]) -> dict[Key, list[int]]:
+    """Places of each of some keys in their list."""
+    rows: dict[Key, list[int]] = {}
+    for row, key in enumerate(keys):
+        rows.setdefault(key, []).append(row)
+    return rows
 
 
 def states_alone(motion: Motion, time_s: Numbers) -> States:

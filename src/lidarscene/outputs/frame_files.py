@@ -67,7 +67,8 @@ class FrameFiles:
         imu: samples of the sensor's IMU until the next frame, for packets, or None
         frames: number of frames of the run from this one on
         ahead: called once the device has done its part of the frame: time to begin the next one
-        closing: completes the files while the next frame is traced; None: they are complete when the frame is
+        closing: writes and completes the files while the next frame is traced; None: they are complete when the frame
+            is
     """
 
     plan: Plan
@@ -92,8 +93,11 @@ class FrameFiles:
         ambient = AmbientImage() if "ambient" in self.files else None
         packets = self._packets()
         rays: list[PulseRays] | None = [] if "keep_rays" in self.files else None
+        kept: list[Callable[[], None]] = []
         with ExitStack() as opened:
             takers = opened.enter_context(self._takers(picture, packets))
+            if self.closing is not None and picture is None:
+                takers = [_keeper(kept, take) for take in takers]
             for number, (simulator, take) in enumerate(zip(self._simulators, takers, strict=True), start=1):
                 later = self._simulators[number:]
                 ahead = partial(later[0].begin, self.frame, self.frames) if later else self.ahead
@@ -108,6 +112,7 @@ class FrameFiles:
                     simulator.stream(take, self.frame, observers, ahead=ahead, read=self._reader(simulator))
             since = time.perf_counter()
             if self.closing is not None:
+                opened.callback(lambda: [take() for take in kept])
                 self.closing(opened)
         if self.capture is not None and packets is not None:
             self.capture.take(packets.firings())
@@ -193,7 +198,9 @@ class FrameFiles:
         if outputs.dataset is not None:
             if key == ("deskewed" if outputs.is_deskewed else "output"):
                 label = next(iter(self.simulators))
-                yield self.files["output"], dataset_stream(outputs, label, self.frame.number, self.scene)
+                in_turn = (lambda: None) if self.closing is None else self.closing.in_turn()
+                stream = dataset_stream(outputs, label, self.frame.number, self.scene, in_turn=in_turn)
+                yield self.files["output"], stream
         elif key in self.files and self.capture is None:
             points = sum(simulator.sensor.scanner.pulses * simulator.sensor.tdc.stops for simulator in self._simulators)
             path = self.files[key]
@@ -261,6 +268,11 @@ class FrameFiles:
         vehicle = pose_at(scene.ego or Course(), start_s)
         eye_m, target_m = vehicle.apply(np.array([scene.camera.eye_m, scene.camera.target_m])).tolist()
         return View(eye_m=tuple(eye_m), target_m=tuple(target_m), fov_deg=scene.camera.fov_deg)
+
+
+def _keeper(kept: list[Callable[[], None]], take: Append) -> Append:
+    """Return a function that keeps points until they are taken."""
+    return lambda points: kept.append(partial(take, points))
 
 
 @contextmanager

@@ -32,7 +32,7 @@ from ..scene.scene_file import SceneChoice, changed_scene, files_of_scene
 from ..sensor.rig_file import Mounted, Rig
 from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor, warn_of_doubts
-from .closing import Closing, fits_beside_next
+from .closing import Closing, frames_at_once
 from .frame_files import FrameFiles
 from .output_options import FRAMES, File, Outputs
 from .plan import CLOUDS, Plan, check_writable, protect_inputs
@@ -256,7 +256,8 @@ class _Run:
             live = opened.enter_context(rerun_live(epoch_ns=epoch_ns)) if plan.outputs.rrd else None
             packet_files = {cloud.label: cloud.files["output"] for cloud in clouds} if encoders else {}
             open_captures = opened.enter_context(captures(packet_files, encoders))
-            closing = opened.enter_context(Closing()) if self._closes_later(clouds, bags, live, encoders) else None
+            closed_later = self._closed_later(clouds, bags, live, encoders)
+            closing = opened.enter_context(Closing(closed_later)) if closed_later else None
             end = clouds[-1].number + 1
             for (label, group, number, files), following in zip(clouds, [*clouds[1:], None], strict=True):
                 parts = list(self.motion.parts(group, number - self.frame.number))
@@ -289,14 +290,14 @@ class _Run:
                 written.append(RecordedCloud(label=label, number=number, files=files, summary=frame_files.summary))
         return tuple(written)
 
-    def _closes_later(self, clouds: Sized, *in_order: object) -> bool:
-        """Whether files of a frame are completed while the next one is traced.
+    def _closed_later(self, clouds: Sized, *in_order: object) -> int:
+        """Number of frames whose files are completed while the next one is traced; 0: none.
 
-        Not where a file or a viewer has several frames, one of ``in_order``, and not for frames so large that two would
+        None where a file or a viewer has several frames, one of ``in_order``, and of frames so large that two would
         fill the memory.
         """
         pulses = sum(simulator.sensor.scanner.pulses for simulator in self.simulators.values())
-        return len(clouds) > 1 and not any(in_order) and fits_beside_next(pulses, self.frame.chunk)
+        return 0 if len(clouds) == 1 or any(in_order) else frames_at_once(pulses, self.frame.chunk)
 
     def _begin(self, cloud: _PlannedCloud, frames: int) -> None:
         """Start the first sensor of a cloud: the device computes while the files of the last one are written.

@@ -10,6 +10,7 @@ import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -74,7 +75,7 @@ def trace_stream(plan: Plan, path: Path, scene: Scene, append: Callable[..., Non
         append: function that appends a cloud and its ground truth to the trace
     """
     builder = CloudBuilder()
-    with GatheredBoxes(path.parent, scene, as_seen=False, with_ego=True) as gathered:
+    with GatheredBoxes(path.parent, scene, whole=True) as gathered:
 
         def gather(cloud: PointCloud) -> None:
             gathered.append(cloud)
@@ -104,7 +105,7 @@ def rerun_stream(outputs: Outputs, folder: Path, scene: Scene, append: Callable[
         # Beams of several sensors share no image.
         if len(cloud) and len(sensor_positions_m(cloud.metadata)) == 1:
             ring_images = {name: image for name, image in images(cloud).items() if name in LOGGED_IMAGES}
-        append(cloud, boxes=[box for box in gathered.boxes() if box.has_points], images=ring_images)
+        append(cloud, boxes=gathered.boxes(), images=ring_images)
 
 
 LOGGED_IMAGES = ("range", "intensity", "ambient")
@@ -112,13 +113,15 @@ LOGGED_IMAGES = ("range", "intensity", "ambient")
 
 
 @contextmanager
-def dataset_stream(outputs: Outputs, label: str, number: int, scene: Scene) -> Iterator[Append]:
-    """Write the clouds that are appended in the block as a frame of a data set."""
+def dataset_stream(
+    outputs: Outputs, label: str, number: int, scene: Scene, *, in_turn: Callable[[], object]
+) -> Iterator[Append]:
+    """Write the clouds that are appended in the block as a frame of a data set; ``in_turn`` as of `frame_stream`."""
     if outputs.dataset is None:
         raise ValueError("dataset: must be given, got none")
     # Labels are made of the ground truth, and the points of a data set have none: `Outputs.truth` changes nothing here.
-    folder = outputs.place / label
-    with frame_stream(outputs.dataset, folder, number, scene, all_around=outputs.all_around) as append:
+    stream = partial(frame_stream, outputs.dataset, outputs.place / label, number, scene)
+    with stream(all_around=outputs.all_around, in_turn=in_turn) as append:
         yield append
 
 
@@ -128,10 +131,8 @@ def row_reader(
     """Reader of the rows of a frame's points, for data sets whose files need no more of them; None: clouds are read."""
     if dataset not in OF_ROWS:
         return None
-    cloud, deskewing = simulator.empty(frame), None
-    if deskew:
-        cloud, deskewing = simulator.without_motion(cloud, frame), simulator.deskewing(frame)
-    return DeviceRows(cloud, simulator.scene, deskewing, dataset=dataset, own_car=own_car)
+    deskewing = simulator.deskewing(frame) if deskew else None
+    return DeviceRows(simulator.scene, simulator.class_names, deskewing, dataset=dataset, own_car=own_car)
 
 
 def _truth_filter(outputs: Outputs, append: Append) -> Append:

@@ -45,6 +45,7 @@ class Frame:
         first_pulse: number of its first pulse since then
         scanner_s: time at which the first pulse leaves, by the scanner's clock
         start_s: the same time by the scene's clock, in which motions are given
+        length_s: from its first pulse to its last
         place: pose of the sensor in the world at the start
         vehicle: pose of the ego vehicle in the world at the start
         paths: sampled poses of the sensor (0) and of the world's movers (1, ...); None: nothing moves
@@ -58,6 +59,7 @@ class Frame:
     first_pulse: int
     scanner_s: float
     start_s: float
+    length_s: float
     place: Pose
     vehicle: Pose
     paths: MotionTable | None
@@ -88,6 +90,7 @@ class Frame:
                     motions=[riding, *(_motion_of(mover.body, start_s) for mover in movers)],
                     start_s=start_s,
                     length_s=length_s,
+                    centre_m=world.centre_m,
                     carried_m=mover_boxes(movers, start_s),
                     walks=[mover.walk_in_frame(start_s) for mover in movers],
                 )
@@ -99,6 +102,7 @@ class Frame:
                     first_pulse=since * sensor.scanner.pulses,
                     scanner_s=scanner_s,
                     start_s=start_s,
+                    length_s=length_s,
                     place=vehicle @ riding.pose,
                     vehicle=vehicle,
                     paths=None,
@@ -113,17 +117,17 @@ class Frame:
             return frames
         # Poses at the times of all pulses would be large. So each path is sampled once a frame, and the device
         # interpolates between the samples (`maths.motion_table`).
-        tables = MotionTable.of_frames(travels, centre_m=world.centre_m)
+        tables = MotionTable.of_frames(travels)
         return [replace(frame, paths=paths) for frame, paths in zip(frames, tables, strict=True)]
 
-    def standing(self) -> dict[Motion, Pose]:
-        """Poses of the bodies that move and that the frame shows, as it begins, by their motions."""
+    def standing(self) -> dict[Motion, tuple[Numbers, Numbers]]:
+        """Places and rotations of the bodies that move and that the frame shows, as it begins, by their motions."""
         if self.paths is None:
             return {}
         places_m, rotations = self.paths.at_start()
         rows = zip(self.movers, places_m[1:] + self._centre_m, rotations[1:], strict=True)
-        shown = ((body.motion, place_m, rotation) for body, place_m, rotation in rows if body.is_present(self.start_s))
-        return {motion: Pose(position_m=place_m, rotation=rotation) for motion, place_m, rotation in shown if motion}
+        shown = ((body.motion, *place) for body, *place in rows if body.is_present(self.start_s))
+        return {motion: (place_m, rotation) for motion, place_m, rotation in shown if motion}
 
     def goes_with(self, other: Frame) -> bool:
         """Whether its pulses and those of another frame can be traced together."""

@@ -174,6 +174,7 @@ class Simulator(HintedAttributes):
     def _forget_launches(self) -> None:
         self._traced: Launch | None = None
         self._begun: Launch | None = None
+        self._deskewings: dict[Frame, Deskewing] = {}
 
     def _prepare_stages(self) -> None:
         self._forget_launches()
@@ -217,9 +218,19 @@ class Simulator(HintedAttributes):
     @exclusive
     def deskewing(self, frame: FrameOptions) -> Deskewing:
         """Way of the points of a frame to where they are in `without_motion`."""
-        _, length_s = check_frame(self.scene, self.sensor.scanner, number=frame.number, begin_s=frame.begin_s)
         own = self._started_frame(frame) or self._frame(frame)
-        return Deskewing.of_frame(self.motion, own.goal(frame.coordinates), start_s=own.start_s, length_s=length_s)
+        if own not in self._deskewings:
+            launches = (launch for launch in (self._traced, self._begun) if launch is not None and launch.has(own))
+            # For all that are traced together: one motion at one time costs as much as at ten.
+            frames = next(([each for _, each in launch.frames] for launch in launches), [own])
+            deskewings = Deskewing.of_frames(
+                self.motion,
+                [each.goal(frame.coordinates) for each in frames],
+                starts_s=[each.start_s for each in frames],
+                lengths_s=[each.length_s for each in frames],
+            )
+            self._deskewings = dict(zip(frames, deskewings, strict=True))
+        return self._deskewings[own]
 
     @exclusive
     def begin(self, frame: FrameOptions, frames: int = 1) -> None:
@@ -570,7 +581,7 @@ class Simulator(HintedAttributes):
         together = list[tuple[FrameOptions, Frame]]()
         with suppress(InputError):
             for own, frame in zip(following, self._frames(following), strict=True):
-                self._check_clearance(frame.place, frame.start_s, frame.standing())
+                self._check_clearance(frame.place, frame.start_s, standing=frame.standing())
                 first = together[0][1] if together else frame
                 if not frame.goes_with(first):
                     break
@@ -755,7 +766,7 @@ class Simulator(HintedAttributes):
 
     def _frame(self, options: FrameOptions) -> Frame:
         (frame,) = self._frames([options])
-        self._check_clearance(frame.place, frame.start_s, frame.standing())
+        self._check_clearance(frame.place, frame.start_s, standing=frame.standing())
         return frame
 
     def _frames(self, options: Sequence[FrameOptions]) -> list[Frame]:
@@ -778,15 +789,10 @@ class Simulator(HintedAttributes):
             self._prepare_stages()
         return self._frame(options)
 
-    def _check_clearance(self, place: Pose, start_s: float, standing: Mapping[Motion, Pose] | None = None) -> None:
+    def _check_clearance(self, place: Pose, start_s: float, **standing: Any) -> None:
         """Raise InputError for a sensor on or in a surface; ``standing`` as for `Clearance.check`."""
-        self.clearance.check(
-            place.position_m,
-            radius_m=float(self.sensor.housing_m),
-            time_s=start_s,
-            sensor=self.sensor.name,
-            standing=standing or {},
-        )
+        radius_m, sensor = float(self.sensor.housing_m), self.sensor.name
+        self.clearance.check(place.position_m, radius_m=radius_m, time_s=start_s, sensor=sensor, **standing)
 
     def _description(self, frame: Frame, options: FrameOptions) -> dict[str, Any]:
         """Names and metadata of the frame's cloud."""

@@ -16,7 +16,6 @@ import numpy as np
 
 from ..errors import OptionError
 from ..maths.arrays import Numbers
-from ..maths.pose import Pose
 from ..maths.trajectory import Motion, pose_at, poses_at
 from .scene import Ball, Body, Part, Scene, box_of
 
@@ -98,7 +97,7 @@ class Clearance:
         radius_m: float,
         time_s: float,
         sensor: str,
-        standing: Mapping[Motion, Pose] = MappingProxyType({}),
+        standing: Mapping[Motion, tuple[Numbers, Numbers]] = MappingProxyType({}),
     ) -> None:
         """Raise InputError unless a ball around this place is clear of all surfaces, and in no thin body.
 
@@ -106,25 +105,24 @@ class Clearance:
             place_m: (3,) position of the sensor in the world
             radius_m: radius of the ball
             time_s: time by the clock of the scene's motions
-            standing: poses at this time that are known, by motion
+            standing: places and rotations at this time that are known, by motion
         """
         low, high = self.around[:, 0] - radius_m, self.around[:, 1] + radius_m
         near_boxes = np.flatnonzero(((low <= place_m) & (place_m <= high)).all(axis=1)).tolist()
         nearby = [body_index for body_index in near_boxes if self.bodies[body_index].is_present(time_s)]
         if not nearby:
             return
-        motions = [self.bodies[body_index].motion for body_index in nearby]
-        unknown = [motion if motion not in standing else None for motion in motions]
-        poses = [
-            self.bodies[body_index].pose if motion is None else then or standing[motion]
-            for body_index, motion, then in zip(nearby, motions, poses_at(unknown, time_s), strict=True)
-        ]
-        turns, places_m = (np.stack([getattr(pose, name) for pose in poses]) for name in ("rotation", "position_m"))
+        bodies = [self.bodies[body_index] for body_index in nearby]
+        known = [None if body.motion is None else standing.get(body.motion) for body in bodies]
+        unknown = [body.motion if place is None else None for body, place in zip(bodies, known, strict=True)]
+        poses = [then or body.pose for body, then in zip(bodies, poses_at(unknown, time_s), strict=True)]
+        placed = [place or (pose.position_m, pose.rotation) for place, pose in zip(known, poses, strict=True)]
+        places_m, turns = map(np.stack, zip(*placed, strict=True))
         points = np.einsum("bji,bj->bi", turns, place_m - places_m)
         boxes = self.boxes[nearby]
         within = ((boxes[:, 0] - radius_m <= points) & (points <= boxes[:, 1] + radius_m)).all(axis=1)
         for row in np.flatnonzero(within).tolist():
-            body, box, point = self.bodies[nearby[row]], boxes[row], points[row]
+            body, box, point = bodies[row], boxes[row], points[row]
             near = min(self._distance_m(part, point, radius_m) for part in body.parts)
             place_text = ", ".join(f"{coordinate:g}" for coordinate in np.round(place_m, 3) + 0.0)
             must = f"sensor '{sensor}' at ({place_text}): must stand at least {1e3 * radius_m:g} mm off every surface"

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
 import math
 import os
@@ -29,14 +28,14 @@ from ..maths.arrays import Numbers, frozen
 from ..maths.attributes import HintedAttributes
 from ..maths.motion_table import Strides
 from ..maths.pose import Pose, direction_from_angles
-from ..maths.trajectory import ALWAYS, CLOCK_ROUNDING_S, Motion, Riding, motion_in_frame, pose_at
+from ..maths.trajectory import ALWAYS, CLOCK_ROUNDING_S, Motion, Riding, States, motion_in_frame, pose_at
 from ..maths.units import FileKey, Quantity
 from ..physics.optics import air
 from ..sensor.pose_file import Placed, pose_keys, to_pose
 from .meshes.mesh_objects import pieces_of_object
 from .meshes.reading import grey_material
 from .meshes.reflectivity_patterns import Cutout, ReflectivityPattern
-from .walking import LARGEST_LEVEL, Gait
+from .walking import LARGEST_LEVEL, Gait, Walk
 from .weather import Weather
 
 SCENE_CHANGED_BY = 'scene.replace("sun.illuminance_klux=50") is another scene'
@@ -221,16 +220,20 @@ class Body(HintedAttributes):
         """Return what gives phase and level at times of a frame that begins at ``start_s``; None: rigid."""
         if self.gait is None or self.motion is None:
             return None
-        return functools.partial(self.gait.at, motion_in_frame(self.motion, start_s))
+        return Walk(self.gait, motion_in_frame(self.motion, start_s))
 
     def posed(self, time_s: float, start_s: float) -> Body:
         """Return the body as its stride has it at a time of a frame that begins at ``start_s``; else unchanged."""
+        parts = self.parts_at(time_s, start_s)
+        return self if parts is self.parts else replace(self, parts=parts, gait=None)
+
+    def parts_at(self, time_s: float, start_s: float, states: States | None = None) -> tuple[Part | Ball, ...]:
+        """Return the parts of `posed`, without the body's pose, which takes long; ``states`` of its motion if known."""
         walk = self.walk_in_frame(start_s)
         if walk is None:
-            return self
-        phase, level = walk(np.array([time_s]))[0].tolist()
-        parts = (part.posed(phase, level) if isinstance(part, Part) else part for part in self.parts)
-        return replace(self, parts=tuple(parts), gait=None)
+            return self.parts
+        phase, level = walk(np.array([time_s]), states)[0].tolist()
+        return tuple(part.posed(phase, level) if isinstance(part, Part) else part for part in self.parts)
 
     def rides_with(self, ego: Motion | None) -> bool:
         """Whether the body is fixed to the ego vehicle, whose motion this is."""

@@ -27,3 +27,14 @@ def test_light_between_two_places_of_an_echo(begin):
         assert detections[0] == pytest.approx(light * share, abs=4e-4 * light)
         assert inside[0] == pytest.approx(share, abs=4e-4)
         assert place[0] == pytest.approx(20.0 + cut.mean(), abs=2e-3 / share)
+
+
+@pytest.mark.parametrize(
+    ("earlier", "fired", "since"), [(0, (0.3, 0.0), 5.0), (1, (0.3, 0.2), 6.0), (2, (0.3, 0.2), 0.0)]
+)
+def test_fewer_spads_are_free_behind_light(earlier, fired, since):
+    """Of SPADs that light has fired those are missing that the sun would have left: exp(-lambda t) (T106)."""
+    place, firings = np.full(1, 30.0), tuple(np.full(1, share) for share in fired)
+    shadow = shadows.Shadow(place=place, sun=0.1, dead=10.0, firings=firings, places=(place - 5.0, place - 16.0))
+    missing = fired[earlier] * math.exp(-0.1 * since) if earlier < 2 else 0.0
+    np.testing.assert_allclose(shadow.free(earlier), 1.0 - missing, rtol=1e-12)

@@ -138,7 +138,9 @@ def test_boxes_change_nothing(monkeypatch: pytest.MonkeyPatch, rays: int) -> Non
     sensor = chain.sensor("table1-apd", *SENSOR, "scanner.azimuth_step_deg=0.8")
     cloud = Simulator(crowd(), sensor, rays=rays).render(seed=2)
     monkeypatch.setattr(
-        motion_table, "_swept_boxes", lambda _, carried: np.tile([[[-1e4] * 3, [1e4] * 3]], (len(carried), 1, 1))
+        motion_table,
+        "_swept_boxes",
+        lambda _, carried, step_s: np.tile([[[-1e4] * 3, [1e4] * 3]], (len(carried), 1, 1)),
     )
     expected = Simulator(crowd(), sensor, rays=rays).render(seed=2)
     assert len(np.unique(cloud.body)) > 33
@@ -198,8 +200,21 @@ def test_worlds_of_other_simulators_compile_nothing() -> None:
         others.clear()
 
 
-def test_one_kernel_asks_all_scenes() -> None:
+def test_no_kernel_of_a_card_is_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A card compiles 23,566 operations in 52 s: there each meeting is a kernel of its own, with the same cloud."""
+    sensor = chain.sensor("table1-apd", *SENSOR)
+    whole = Simulator(load_scene("drive"), sensor).render(seed=1)
+    monkeypatch.setattr(transfer, "is_cuda", lambda: True)
+    with launches.launched() as kernels:
+        split = Simulator(load_scene("drive"), sensor).render(seed=1)
+    assert 1000 < max(kernel["operation_count"] for kernel in kernels) < 10_000
+    np.testing.assert_array_equal(split.xyz_m, whole.xyz_m)
+    np.testing.assert_array_equal(split.intensity, whole.intensity)
+
+
+def test_one_kernel_asks_all_scenes(monkeypatch: pytest.MonkeyPatch) -> None:
     """Scenes that do not share a pipeline need kernels of their own on a GPU, where `emulated_gpu` runs this, too."""
+    monkeypatch.setattr(transfer, "split_kernel", lambda *values: None)
     simulator = Simulator(load_scene("drive"), chain.sensor("table1-apd", *SENSOR))
     with launches.launched() as kernels:
         cloud = simulator.render(seed=1)

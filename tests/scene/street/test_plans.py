@@ -266,7 +266,7 @@ def test_what_stands_by_a_kerb_looks_at_the_road_and_has_room(seed: int) -> None
     """
     layout, meshes = laid.lay_out(StreetFile(seed=seed, length_m=400.0, house_share=(1.0, 1.0))), shipped_meshes()
     kinds = set()
-    for street in (layout, *layout.side_streets):
+    for street in layout.streets:
         plots_m: list[tuple[float, float, float]] = []
         for name, places in street.items.items():
             mesh = shapes()[name].mesh if name in shapes() else name

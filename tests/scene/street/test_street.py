@@ -18,6 +18,7 @@ from lidarscene.scene.scene_file import load_scene, scene_model
 from lidarscene.scene.street import layout as laid
 from lidarscene.scene.street import traffic as driven
 from lidarscene.scene.street.centre_line import ASIDE_M_S2, CentreLine, Profile, draw_profile
+from lidarscene.scene.street.pieces import box_places_m
 from lidarscene.scene.street.shapes import DISTRICTS, PARKED_SHARES, draw_vehicle, shapes, vehicle_length_m
 from lidarscene.scene.street.street_file import StreetFile
 from lidarscene.scene.street.street_tables import street_tables, write_scene
@@ -79,15 +80,16 @@ def meet(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 def standing_boxes(layout: laid.Layout) -> tuple[np.ndarray, list[str]]:
     """(n, 4, 2) corners and names of all that stands, on streets that cross, too; of trees the trunks."""
-    rows = [(each.line, *row) for each in (layout, *layout.side_streets) for row in each.items.items()]
+    rows = [(each.line, *row) for each in layout.streets for row in each.items.items()]
     corners = [boxes(line, name, *np.array(places).T) for line, name, places in rows]
     return np.concatenate(corners), [name for _, name, places in rows for _ in places]
 
 
 LOOP = {"loop": True, "laps": 1, "length_m": 900.0}
+JUNCTIONS = LOOP | {"corners": "junctions"}
 
 
-@pytest.mark.parametrize("keys", [{"lanes": 1}, {"lanes": 2}, {"lanes": 3}, LOOP])
+@pytest.mark.parametrize("keys", [{"lanes": 1}, {"lanes": 2}, {"lanes": 3}, LOOP, JUNCTIONS])
 @pytest.mark.parametrize("seed", chosen(1, [1, 2, 3]))
 def test_nothing_that_stands_overlaps(seed: int, keys: dict[str, object]) -> None:
     """Houses, parked cars, trunks, posts and people are apart from each other and clear of all lanes and crossings."""
@@ -95,19 +97,18 @@ def test_nothing_that_stands_overlaps(seed: int, keys: dict[str, object]) -> Non
     corners, names = standing_boxes(layout)
     assert len(names) > 200
     assert sum(name.startswith("bushes") for name in names) > 5
-    for side_street in layout.side_streets:
+    for side_street in (*layout.side_streets, *layout.arms):
         assert sum(name.startswith("houses") for name in side_street.items) > 0, "a street that crosses has houses"
     overlaps = meet(corners[:, None], corners)
     np.fill_diagonal(overlaps, False)
     assert [(names[a], names[b]) for a, b in zip(*np.nonzero(overlaps), strict=True)] == []
-    # The lanes of the street, each metre, and the streets that cross it.
-    way_m = np.arange(layout.begin_m, layout.end_m, 1.0)
-    lanes = ribbon(layout, way_m, np.zeros(len(way_m)), (1.2, 2 * layout.file.lanes * layout.file.lane_width_m))
-    crossing_m = np.array([crossing.x_m for crossing in layout.crossings if not crossing.is_zebra])
-    sides = np.concatenate([np.full(len(crossing_m), side * 0.5 * laid.CROSS_REACH_M) for side in (-1, 1)])
-    crossing = ribbon(layout, np.tile(crossing_m, 2), sides, (2 * laid.CROSS_HALF_M, laid.CROSS_REACH_M))
-    for place in np.concatenate([lanes, crossing]):
-        assert [names[index] for index in np.flatnonzero(meet(corners, place))] == []
+    # The lanes of the street, each metre, and the streets that cross it or lead away.
+    for each in layout.streets:
+        way_m = np.arange(each.begin_m, each.end_m, 1.0)
+        is_alike = each.file is layout.file
+        road_m = 2 * (each.file.lanes * each.file.lane_width_m if is_alike else each.kerb_m)
+        for place in ribbon(each, way_m, np.zeros(len(way_m)), (1.2, road_m)):
+            assert [names[index] for index in np.flatnonzero(meet(corners, place))] == []
 
 
 def ribbon(layout: laid.Layout, x_m: np.ndarray, y_m: np.ndarray, size_m: tuple[float, float]) -> np.ndarray:
@@ -118,7 +119,7 @@ def ribbon(layout: laid.Layout, x_m: np.ndarray, y_m: np.ndarray, size_m: tuple[
     return np.stack([east_m, north_m], axis=-1)[:, None] + signs[:, :1] * ahead[:, None] + signs[:, 1:] * left[:, None]
 
 
-@pytest.mark.parametrize("keys", [{"lanes": 1}, {"lanes": 2, "bend_deg": (0.0, 0.0)}, LOOP])
+@pytest.mark.parametrize("keys", [{"lanes": 1}, {"lanes": 2, "bend_deg": (0.0, 0.0)}, LOOP, JUNCTIONS])
 @pytest.mark.parametrize("seed", chosen(1, [1, 2, 3]))
 def test_nobody_collides(seed: int, keys: dict[str, object]) -> None:
     """All the time, nobody who moves overlaps with anybody, nor with what stands; every half second and between."""
@@ -234,14 +235,15 @@ def test_a_line_is_the_integral_of_its_curvature() -> None:
     np.testing.assert_allclose(line.at(np.array([-30.0]), np.array([2.0]))[0], [-30.0, 2.0, 0.0], atol=1e-12)
 
 
-def test_a_loop_closes() -> None:
+@pytest.mark.parametrize("corners", ["bends", "junctions"])
+def test_a_loop_closes(corners: str) -> None:
     """It turns by 360 degrees; the vehicle comes back to the pose it left from, and brakes for the bends.
 
     One street of 80 has a driver so slow that no bend slows it.
     """
     wished = []
     for seed in (1, 2, 3):
-        file = street(seed, length_m=600.0, loop=True)
+        file = street(seed, length_m=600.0, loop=True, corners=corners)
         layout = laid.lay_out(file)
         ends = layout.line.at(np.array([0.0, 600.0 - 1e-9]), np.zeros(2))
         np.testing.assert_allclose(ends[1, :2], ends[0, :2], atol=1e-8)
@@ -337,6 +339,42 @@ def test_kerbs_go_round_the_corners_of_streets_that_cross(loop: bool) -> None:
     pavement_m = sum(float(np.hypot(*np.diff(line_m, axis=0).T).sum()) for line_m in lines_m)
     blocks_m = sum(block.length_m for block in layout.blocks)
     assert 2.0 * blocks_m - pavement_m == pytest.approx(len(expected) * laid.KERB_M, abs=0.15)
+
+
+@pytest.mark.parametrize(("seed", "lanes"), [(1, 1), (2, 3), (3, 2)])
+def test_a_junction_is_road_and_pavement_without_a_gap_and_the_lanes_are_on_its_road(
+    seed: int, lanes: int, tmp_path: Path
+) -> None:
+    """Its square is one ground at each place, the soil behind its cut corners left out; four streets begin there.
+
+    A car keeps 0.5 m to the kerbs on each lane.
+    """
+    path = tmp_path / "loop.toml"
+    path.write_text(f'[street]\nseed = {seed}\nlength_m = 900\nloop = true\ncorners = "junctions"\nlanes = {lanes}\n')
+    of_class = {name: grounds(path, name) for name in ("road", "pavement", "kerb")}
+    layout = laid.lay_out(street(seed, lanes=lanes, **JUNCTIONS))
+    assert len(layout.junctions) == 6
+    assert len(layout.arms) == 12
+    for junction in layout.junctions:
+        x_m, y_m, heading = junction.middle
+        places_m = box_places_m((x_m, y_m, heading, junction.half_m - 0.02, junction.half_m - 0.02), 0.35)
+        cos, sin = np.cos(heading), np.sin(heading)
+        local_m = np.abs((places_m - [x_m, y_m]) @ np.array([[cos, -sin], [sin, cos]]))
+        behind = local_m.sum(axis=1) > layout.front_m + junction.half_m - 0.1
+        covers = sum(np.isfinite(each.height_m(places_m)).astype(int) for each in of_class.values())
+        assert set(covers[~behind]) == {1}
+        edges_m = junction.half_m + np.array([-0.01, 0.01])
+        for turn in heading + 0.5 * np.pi * np.arange(4):
+            ends_m = [x_m, y_m] + edges_m[:, None] * [np.cos(turn), np.sin(turn)]
+            heights_m = of_class["road"].height_m(ends_m)
+            assert abs(heights_m[1] - heights_m[0]) < 0.01, "a road begins at each side, as high"
+    way_m = np.arange(0.0, 900.0, 0.5)
+    for lane in range(lanes):
+        for direction in (1, -1):
+            for aside_m in (-1.4, 0.0, 1.4):
+                place_m = layout.line.at(way_m, np.full(len(way_m), layout.lane_m(lane, direction) + aside_m))[:, :2]
+                assert np.isfinite(of_class["road"].height_m(place_m)).all()
+                assert np.isnan(of_class["kerb"].height_m(place_m)).all()
 
 
 def test_traffic_lights_stand_by_stop_lines_and_face_those_who_wait() -> None:
@@ -495,16 +533,16 @@ def test_heights_are_sums_of_slopes() -> None:
     np.testing.assert_allclose(profile.height_m(way_m), np.interp(way_m, fine_m + 1e-3, rise_m), atol=1e-4)
 
 
-@pytest.mark.parametrize("loop", [True, False])
+@pytest.mark.parametrize("keys", [LOOP, JUNCTIONS, {}])
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_hills_are_as_steep_as_asked_and_level_at_crossings(seed: int, loop: bool) -> None:
+def test_hills_are_as_steep_as_asked_and_level_at_crossings(seed: int, keys: dict[str, Any]) -> None:
     """A loop is as high at its end as at its begin, for which all its slopes change by as much."""
-    layout = laid.lay_out(street(seed, length_m=900.0, loop=loop, slope_percent=(4.0, 8.0)))
+    layout = laid.lay_out(street(seed, **{"length_m": 900.0, "slope_percent": (4.0, 8.0), **keys}))
     profile = layout.profile
     steepest = profile.slope[np.abs(profile.slope) > 0.0]
     assert len(steepest) > 5
     assert {-1.0, 1.0} == set(np.sign(steepest))
-    if loop:
+    if keys:
         assert profile.height_m(profile.node_m[-1:])[0] == pytest.approx(0.0, abs=1e-9)
         assert np.abs(steepest).max() < 0.16
     else:
@@ -514,6 +552,9 @@ def test_hills_are_as_steep_as_asked_and_level_at_crossings(seed: int, loop: boo
             over_m = crossing.x_m + np.linspace(-1.0, 1.0, 9) * crossing.half_m
             np.testing.assert_allclose(profile.slope_at(over_m), 0.0, atol=1e-12)
             np.testing.assert_allclose(np.ptp(profile.height_m(over_m)), 0.0, atol=1e-12)
+    for number, arm in enumerate(layout.arms):
+        (height_m,) = layout.height_m(np.array([layout.junctions[number // 2].end_m]))
+        np.testing.assert_allclose(arm.height_m(np.array([0.0, arm.end_m])), height_m, atol=1e-12)
     assert draw_profile(street(seed), [(0.0, 300.0)], np.random.default_rng(1)).is_level
 
 

@@ -21,7 +21,7 @@ from contextlib import contextmanager
 from typing import Any, cast
 
 from ...maths.arrays import LookupTable, is_drjit, table_lookups, upload
-from ...scene.scene import Scene
+from ...scene.scene import Body, Scene
 from . import transfer
 from .backend import mitsuba
 from .types import DeviceArray
@@ -194,8 +194,8 @@ def _collect_arrays(value: object, arrays: list[DeviceArray]) -> None:
     elif isinstance(value, tuple | list):
         for inner in value:
             _collect_arrays(inner, arrays)
-    elif dataclasses.is_dataclass(value) and not isinstance(value, Scene):
-        # A scene has no array of the device, and a town 380,000 parts, poses and names.
+    elif dataclasses.is_dataclass(value) and not isinstance(value, Scene | Body):
+        # Scenes and bodies have no array of the device, and a town 380,000 parts, poses and names.
         for field in dataclasses.fields(value):
             _collect_arrays(getattr(value, field.name), arrays)
 

@@ -89,6 +89,7 @@ class World:
             shape; None if nothing moves
         centre_m: (3,) float64, numpy; subtracted from every coordinate before it became single precision
         bsdfs: Mitsuba BSDFs of all its surfaces, each once
+        bsdf_of_material: those without images and gaps of their own, by material; another world can use them, too
         first_face: by the registry number of a shape: number of its first face; index into ``bsdfs``; diffuse
             reflectivity (-1: ask the BSDF); diffuse transmittance (None: every shape is opaque)
         mover_shape: number of a shape among those of the movers, as `first_face`; None if nothing moves
@@ -115,6 +116,7 @@ class World:
     mover_rows: Any
     centre_m: Numbers
     bsdfs: tuple[Bsdf, ...]
+    bsdf_of_material: Mapping[str, object]
     first_face: Any
     mover_shape: Any
     bsdf_index: Any
@@ -187,6 +189,7 @@ def build_world(
     see_through: bool = True,
     takes_turns: bool = True,
     standing: Collection[str] | None = None,
+    bsdf_of_material: Mapping[str, object] | None = None,
 ) -> World:
     """Compile a scene.
 
@@ -196,6 +199,7 @@ def build_world(
         see_through: whether beams go on through panes and off mirrors; if not they end there, which is traced faster
         takes_turns: whether bodies that hide may share a place; not if they are placed elsewhere later (`with_bodies`)
         standing: names of the bodies that stand still and are there; None: all of them
+        bsdf_of_material: that of another world of the scene at this wavelength
 
     Raises:
         InputError: if a material has no data at the wavelength, or if there is nothing to trace
@@ -206,7 +210,7 @@ def build_world(
     centre = np.zeros(3) if centre_m is None or scene.base else np.asarray(centre_m, dtype=np.float64)
     resolved = {name: material.at(wavelength_m) for name, material in scene.materials.items()}
     still = {i: body for i, body in enumerate(scene.bodies) if body.motion is None}
-    bsdfs: dict[str, object] = {}
+    bsdfs = dict(bsdf_of_material or {})
     if standing is not None:
         still = _near_and_of_all_materials(still, standing)
     shapes = _loaded_shapes(still, centre, resolved, bsdfs)
@@ -269,6 +273,7 @@ def build_world(
         panes=still_panes,
         see_through=see_through,
         scene_of=scene,
+        bsdf_of_material=bsdfs,
         movers=tuple(movers),
         mover_scene=mover_scene,
         mover_panes=mover_panes,
@@ -302,7 +307,7 @@ def _loaded_shapes(
     """Return one mesh for each material and image of these bodies, where they stand, and a shape for each sphere.
 
     Args:
-        bsdfs: by material, those of the world so far: a coat's takes 10 ms to make
+        bsdfs: by material, those of worlds so far: a coat's takes 10 ms to make
     """
     mi = mitsuba()
     grouped: dict[Hashable, list[tuple[int, Numbers, Part]]] = {}

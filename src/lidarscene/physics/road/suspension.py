@@ -106,12 +106,13 @@ class Suspension:
         _, _, stiffness, forces = self.matrices()
         flow, drive, by_state, by_input, by_slope = _steps(self, step_s)
         pushes = inputs[:-1] @ (by_input - by_slope).T + inputs[1:] @ by_slope.T
-        state = np.concatenate([np.linalg.solve(stiffness, forces @ inputs[0]), np.zeros(7)])
-        states = np.zeros((len(inputs), 14))
-        states[0] = state
-        for index, push in enumerate(pushes, start=1):
-            state = by_state @ state + push
-            states[index] = state
+        at_rest = np.concatenate([np.linalg.solve(stiffness, forces @ inputs[0]), np.zeros(7)])
+        # x(k + 1) = S x(k) + p(k), so that x(k) = sum S^(k - j) p(j): the sum over 2^n instants, from two halves of it.
+        states = np.concatenate([at_rest[None], pushes])
+        ago, power = 1, by_state.T
+        while ago < len(states):
+            states[ago:] += states[:-ago] @ power
+            ago, power = 2 * ago, power @ power
         rates = states @ flow.T + inputs @ drive.T
         return np.stack([states[:, BODY], states[:, 7:10], rates[:, 7:10]], axis=1)
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...maths.arrays import Numbers
+from .polylines import runs
 from .street_file import StreetFile
 
 NODE_M = 2.0
@@ -100,6 +101,12 @@ class CentreLine:
     def length_m(self) -> float:
         """Length of all pieces together."""
         return float(self.node_m[-1] - self.node_m[0])
+
+    def bends_m(self) -> list[tuple[float, float]]:
+        """Begin and end of each bend."""
+        at_m = self.begin_m + np.cumsum([0.0, *(piece[0] for piece in self.pieces)])
+        bends = np.array([any(piece[1:]) for piece in self.pieces])
+        return [(float(at_m[begin]), float(at_m[end])) for begin, end in runs(bends)]
 
     def _from_node(self, number: Numbers | int, beyond_m: Numbers | float) -> Numbers:
         """(..., 3) change of x, y and heading from nodes to places beyond them."""
@@ -241,11 +248,12 @@ def wind(file: StreetFile, begin_m: float, end_m: float, random: np.random.Gener
         heading += -angle if abs(heading + angle) > STEEPEST_RAD else angle
 
 
-def close(file: StreetFile, front_m: float, random: np.random.Generator) -> CentreLine:
+def close(file: StreetFile, front_m: float, random: np.random.Generator, radius_m: float | None = None) -> CentreLine:
     """Draw a loop of ``length_m``: an L with round corners, whose first side begins at its middle, s = 0.
 
     Args:
         front_m: distance of the houses from its middle
+        radius_m: of the corners, each drawn if None
 
     Raises:
         InputError: if it is too short for a street of this width
@@ -258,9 +266,10 @@ def close(file: StreetFile, front_m: float, random: np.random.Generator) -> Cent
     aspect, along, across = random.uniform(0.8, 1.25), *random.uniform(0.42, 0.58, 2)
     sides = np.array([aspect, 1.0 - across, along * aspect, across, (1.0 - along) * aspect, 1.0])
     sides /= sides.sum()
-    radius_m = np.minimum(random.uniform(*file.bend_radius_m, 6), 0.36 * float(sides.min()) * file.length_m)
+    drawn_m = random.uniform(*file.bend_radius_m, 6) if radius_m is None else np.full(6, radius_m)
+    radii_m = np.minimum(drawn_m, 0.36 * float(sides.min()) * file.length_m)
     turn = 1.0 if random.random() < 0.5 else -1.0
-    corners = [_bend(turn * sign * 0.5 * math.pi, each) for sign, each in zip(LOOP_TURNS, radius_m, strict=True)]
+    corners = [_bend(turn * sign * 0.5 * math.pi, each) for sign, each in zip(LOOP_TURNS, radii_m, strict=True)]
     bend_m = np.array([sum(piece[0] for piece in corner) for corner in corners])
     # Both ends of a bend are as far from where the sides would meet.
     ends = [CentreLine(bend, 0.0).at(way_m, np.zeros(1)) for bend, way_m in zip(corners, bend_m[:, None], strict=True)]

@@ -12,6 +12,7 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -99,6 +100,12 @@ FREE_M = 1.6
 LEAST_SHARE = 0.1
 """Choice: least length of a kerb inside of a bend, over that of the middle, with which things are set apart."""
 
+CORNER_M = 5.0
+"""Choice: radius of the kerbs at the corners of a junction."""
+
+ARM_SHARE = 0.6
+"""Choice: length of a street that leads away from a loop, over its shortest side: so none comes near another."""
+
 Place = tuple[float, float, float]
 """x, y [m] and yaw [degrees]."""
 
@@ -143,6 +150,29 @@ class Block:
         return any(abs(x_m - zebra_m) < within_m for zebra_m in self.zebras_m)
 
 
+class Junction(NamedTuple):
+    """Crossroads at which a loop turns.
+
+    Attributes:
+        begin_m, end_m: of the bend that the vehicle drives there
+        half_m: half the side of its square, at whose edges the four streets begin
+        middle: x, y [m] and heading [rad] of those who come
+    """
+
+    begin_m: float
+    end_m: float
+    half_m: float
+    middle: tuple[float, float, float]
+
+    @classmethod
+    def at_bend(cls, line: CentreLine, begin_m: float, end_m: float) -> Junction:
+        """Return the junction around a bend by a right angle."""
+        begin, end = line.at(np.array([begin_m, end_m]), np.zeros(2))
+        ahead = np.array([np.cos(begin[2]), np.sin(begin[2])])
+        half_m = float((end - begin)[:2] @ ahead)
+        return cls(begin_m, end_m, half_m, (*(begin[:2] + half_m * ahead).tolist(), float(begin[2])))
+
+
 @dataclass(slots=True)
 class Layout:
     """A street without its traffic.
@@ -154,6 +184,8 @@ class Layout:
         profile: its heights
         items: name of a body -> places of its instances
         side_streets: those that cross it, each with s = 0 at its middle and blocks on both sides
+        junctions: at which it turns, of a loop that has them
+        arms: streets like it that lead away from a junction, with s = 0 in its middle
     """
 
     file: StreetFile
@@ -168,6 +200,13 @@ class Layout:
     blocks: list[Block] = field(default_factory=list)
     items: dict[str, list[Place]] = field(default_factory=dict)
     side_streets: list[Layout] = field(default_factory=list)
+    junctions: list[Junction] = field(default_factory=list)
+    arms: list[Layout] = field(default_factory=list)
+
+    @property
+    def streets(self) -> tuple[Layout, ...]:
+        """The street itself and all others."""
+        return (self, *self.side_streets, *self.arms)
 
     def add(self, name: str, x_m: float, y_m: float, yaw_deg: float = 0.0) -> None:
         """Place an instance of a body."""
@@ -208,14 +247,19 @@ def lay_out(file: StreetFile) -> Layout:
     margin_m = 0.0 if file.loop else file.shown_m + 60.0
     begin_m, end_m = -margin_m, file.length_m + margin_m
     plan = np.random.default_rng([file.seed, 3])
-    line = close(file, front_m, plan) if file.loop else wind(file, begin_m, end_m, plan)
+    radius_m = kerb_m + CORNER_M if file.corners == "junctions" else None
+    line = close(file, front_m, plan, radius_m) if file.loop else wind(file, begin_m, end_m, plan)
     step_m = 0.5 * CROSS_HALF_M
     # Houses may stand at its edge.
     half_m = 0.6 * step_m, front_m - 0.05
     room = Room(_boxes(line, [(x_m, 0.0, *half_m) for x_m in np.arange(begin_m, end_m, step_m) + 0.5 * step_m]))
     layout = Layout(file, kerb_m, front_m, begin_m, end_m, line, room)
     random = np.random.default_rng([file.seed, 1])
-    _cut_into_blocks(layout, random)
+    if file.corners == "junctions":
+        _lay_junctions(layout)
+    ends_m = [place_m for junction in layout.junctions for place_m in junction[:2]]
+    for first_m, last_m in np.reshape([begin_m, *ends_m, end_m], (-1, 2)).tolist():
+        _cut_into_blocks(layout, first_m, last_m, random)
     parts_m = [(block.begin_m, block.end_m) for block in layout.blocks]
     layout.profile = draw_profile(file, parts_m, np.random.default_rng([file.seed, 6]))
     main = draw_district(random)
@@ -227,8 +271,12 @@ def lay_out(file: StreetFile) -> Layout:
             _line_kerb(layout, block, side, district, random)
     aside = np.random.default_rng([file.seed, 9])
     for crossing in layout.crossings:
-        if not crossing.is_zebra:
+        if crossing.half_m == CROSS_HALF_M:  # and no junction
             layout.side_streets.append(_lay_side_street(layout, crossing, draw_district(aside, main), aside))
+    for number, arm in enumerate(layout.arms):
+        for side in (-1, 1):
+            _park_cars(arm, arm.blocks[0], side, aside)
+        _line_street(layout, arm, layout.junctions[number // 2].begin_m, draw_district(aside, main), aside)
     _plant_bushes(layout, np.random.default_rng([file.seed, 7]))
     return layout
 
@@ -241,20 +289,47 @@ def _lay_side_street(layout: Layout, crossing: Crossing, district: District, ran
     file = layout.file.model_copy(update={"lanes": 1, "lane_width_m": CROSS_LANE_M})
     front_m = CROSS_HALF_M + KERB_M + file.pavement_m
     street = Layout(file, CROSS_HALF_M, front_m, -CROSS_REACH_M, CROSS_REACH_M, line, layout.room)
-    height_m = float(layout.height_m(np.array([crossing.x_m]))[0])
-    street.profile = Profile(np.array([-CROSS_REACH_M, CROSS_REACH_M]), np.zeros(2), height_m)
     street.crossings = [Crossing(0.0, layout.kerb_m + QUEUE_M - STOP_LINE_M, is_zebra=False)]
     street.blocks = [Block(-CROSS_REACH_M, -layout.front_m), Block(layout.front_m, CROSS_REACH_M)]
-    for block, towards in zip(street.blocks, (-1.0, 1.0), strict=True):
+    _line_street(layout, street, crossing.x_m, district, random)
+    return street
+
+
+def _lay_junctions(layout: Layout) -> None:
+    """Lay crossroads at the bends of a loop, and streets that lead straight on and straight back from there."""
+    line = layout.line
+    junctions = [Junction.at_bend(line, *bend_m) for bend_m in line.bends_m()]
+    begin_m, end_m, half_m = np.array([junction[:3] for junction in junctions]).T
+    sides_m = np.mod(np.roll(begin_m, -1) - end_m, line.length_m) + half_m + np.roll(half_m, -1)
+    reach_m = min(CROSS_REACH_M, ARM_SHARE * float(sides_m.min()))
+    for junction in junctions:
+        middle_m, half_m = 0.5 * (junction.begin_m + junction.end_m), junction.half_m
+        layout.crossings.append(Crossing(middle_m, middle_m - junction.begin_m, is_zebra=False))
+        layout.room.add(np.array([[*junction.middle, half_m, half_m]]))
+        leaving = float(line.at(np.array([junction.end_m]), np.zeros(1))[0, 2])
+        for heading in (junction.middle[2], leaving + np.pi):
+            arm_line = CentreLine([(reach_m, 0.0, 0.0)], 0.0, origin=(*junction.middle[:2], heading))
+            arm = Layout(layout.file, layout.kerb_m, layout.front_m, half_m, reach_m, arm_line, layout.room)
+            arm.crossings, arm.blocks = [Crossing(0.0, half_m, is_zebra=False)], [Block(half_m, reach_m)]
+            arm.take(0.5 * (half_m + reach_m), 0.0, 0.5 * (reach_m - half_m), layout.front_m - 0.05)
+            layout.arms.append(arm)
+    layout.junctions = junctions
+
+
+def _line_street(layout: Layout, street: Layout, way_m: float, district: District, random: np.random.Generator) -> None:
+    """Line a street that leaves another at a place of that: kerbs and houses, and one house before each of its ends."""
+    height_m = float(layout.height_m(np.array([way_m]))[0])
+    street.profile = Profile(np.array([street.begin_m, street.end_m]), np.zeros(2), height_m)
+    for block in street.blocks:
+        towards = math.copysign(1.0, block.begin_m)
         for side in (-1, 1):
             _build_houses(street, block, side, district, random)
             _line_kerb(street, block, side, district, random)
         house, wall = random.choice(district.houses), random.choice(district.walls)
         width_m, front_m, _ = catalog.shipped_meshes()[house]["plot_m"]
-        end_m = towards * (CROSS_REACH_M + VERGE_M + front_m)
+        end_m = towards * (street.end_m + VERGE_M + front_m)
         if street.take(end_m, 0.0, front_m + EAVES_M, 0.5 * width_m):
             street.add(f"houses_{house}_{wall}", end_m, 0.0, 180.0 if towards > 0.0 else 0.0)
-    return street
 
 
 class Room:
@@ -262,9 +337,10 @@ class Room:
 
     def __init__(self, boxes: Numbers) -> None:
         self._squares: dict[tuple[int, int], list[Numbers]] = {}
-        self._add(boxes)
+        self.add(boxes)
 
-    def _add(self, boxes: Numbers) -> None:
+    def add(self, boxes: Numbers) -> None:
+        """Take rectangles whatever is there."""
         for box in boxes:
             for square in _squares(box):
                 self._squares.setdefault(square, []).append(box)
@@ -281,7 +357,7 @@ class Room:
         """Take rectangles if all of them are free."""
         free = self.is_free(boxes)
         if free:
-            self._add(boxes)
+            self.add(boxes)
         return free
 
 
@@ -319,14 +395,14 @@ def overlaps(box: Numbers, boxes: Numbers) -> Numbers:
     return meets
 
 
-def _cut_into_blocks(layout: Layout, random: np.random.Generator) -> None:
-    """Place crossing streets where there is room, zebras between them, and the blocks that are left."""
-    file, begin_m, part_m = layout.file, layout.begin_m, layout.begin_m
+def _cut_into_blocks(layout: Layout, begin_m: float, end_m: float, random: np.random.Generator) -> None:
+    """Place crossing streets between two places where there is room, zebras between them, and the blocks left."""
+    file, part_m = layout.file, begin_m
     zebras_m: list[float] = []
     while True:
         middle_m = part_m + random.uniform(*file.block_m) + CROSS_HALF_M
-        is_last = middle_m + CROSS_HALF_M + file.block_m[0] > layout.end_m
-        part_end_m = layout.end_m if is_last else middle_m - CROSS_HALF_M
+        is_last = middle_m + CROSS_HALF_M + file.block_m[0] > end_m
+        part_end_m = end_m if is_last else middle_m - CROSS_HALF_M
         if random.random() < file.zebra_share and part_end_m - part_m > 60.0:
             x_m = random.uniform(part_m + 25.0, part_end_m - 25.0)
             if not layout.bends(x_m - ZEBRA_M, x_m + ZEBRA_M):

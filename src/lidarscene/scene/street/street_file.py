@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from ...files.toml import FileModel
 
@@ -47,6 +47,9 @@ class StreetFile(FileModel):
     laps: Annotated[int, Field(ge=1, le=100)] = Field(
         default=2, description="of a loop, after which the vehicle rests and all traffic begins again"
     )
+    corners: Literal["bends", "junctions"] = Field(
+        default="bends", description="of a loop; at junctions the vehicle turns left or right, and other streets go on"
+    )
     bend_spacing_m: Spacings = Field(default=(40.0, 160.0), description="straight between bends; a loop has six bends")
     bend_deg: Angles = Field(default=(10.0, 60.0), description="by which a bend turns; those of a loop turn by 90")
     bend_radius_m: Radii = Field(default=(25.0, 120.0), description="of the middle of a bend; less on a short loop")
@@ -77,3 +80,9 @@ class StreetFile(FileModel):
     shown_m: Annotated[float, Field(ge=50, le=1000)] = Field(
         default=180.0, description="distance to the ego vehicle beyond which what moves is hidden"
     )
+
+    @model_validator(mode="after")
+    def _check_corners(self) -> Self:
+        if self.corners != "bends" and not self.loop:
+            raise ValueError(f'corners = "{self.corners}" needs loop = true')
+        return self

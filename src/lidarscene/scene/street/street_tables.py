@@ -22,12 +22,20 @@ from ...files.atomic import atomic_folder
 from ...files.overrides import toml_entry, toml_text
 from ...maths.arrays import Numbers
 from ..derived import merged
-from .layout import CROSS_HALF_M, CROSS_REACH_M, KERB_M, STOP_LINE_M, ZEBRA_M, Block, Layout, Place, lay_out
+from ..ground_area import Outline
+from .islands import kerbed_corner_m
+from .layout import CORNER_M, CROSS_HALF_M, CROSS_REACH_M, KERB_M, STOP_LINE_M, ZEBRA_M, Block, Layout, Place, lay_out
 from .pieces import FOOT_M, PAINT_M, RAISED_M, Tables, ground, placed, rounded, sheet, soil, street_scene
 from .shapes import PEOPLE, WALKERS, moving_table, own_table, shapes, standing_table
 from .street_file import StreetFile
 from .terrain import PLACES_M, SOIL_BLUR_M, Relief, Terrain
 from .traffic import Track, Traffic, drive
+
+CORNER_STEPS = 8
+"""Accuracy bought: chords of the round kerb at a corner of a junction, which are 2 cm off."""
+
+ROAD_SPACING_M = 0.4
+"""Choice: distance of vertices of roads."""
 
 EVEN_STEP = 1e-5
 """Accuracy bought: difference of two steps from pose to pose, in metres and degrees, up to which the pose between them
@@ -65,7 +73,7 @@ def street_tables(file: StreetFile) -> Tables:
         bodies=[
             *(_wetted(body) if file.wet else body for body in _grounds(layout)),
             *([_soil(layout)] if terrain is None else terrain.tables()),
-            *_markings([layout]),
+            *_markings([layout, *layout.arms]),
             *_markings(layout.side_streets, "side_"),
             *_standing(layout, terrain),
             own_table("own_car"),
@@ -175,7 +183,7 @@ def _along(layout: Layout, x_m: float, y_m: float, z_m: float = 0.0, yaw_deg: fl
 def _places_on_roads(layout: Layout) -> Numbers:
     """(n, 3) places on the street and on those that cross it, two metres apart."""
     places = []
-    for street in (layout, *layout.side_streets):
+    for street in layout.streets:
         across_m = np.linspace(-street.front_m, street.front_m, 2 + int(street.front_m))
         along_m = np.arange(street.begin_m, street.end_m + 0.1, PLACES_M)
         x_m, y_m = (each.ravel() for each in np.meshgrid(along_m, across_m))
@@ -186,7 +194,7 @@ def _places_on_roads(layout: Layout) -> Numbers:
 def _standing(layout: Layout, terrain: Terrain | None) -> list[Tables]:
     """Bodies of what stands along a street and those that cross it."""
     things: dict[str, list[tuple[Layout, Place]]] = {}
-    for street in (layout, *layout.side_streets):
+    for street in layout.streets:
         for name, places in street.items.items():
             things.setdefault(name, []).extend((street, place) for place in places)
     return [
@@ -269,10 +277,10 @@ def _grounds(layout: Layout) -> list[Tables]:
     grounds = []
     pavement_m = layout.file.pavement_m
     raised = {"position_m": [0.0, 0.0, RAISED_M], "kerb_m": RAISED_M + FOOT_M}
-    blocks = [(street, block) for street in (layout, *layout.side_streets) for block in street.blocks]
+    blocks = [(street, block) for street in layout.streets for block in street.blocks]
     for number, (street, block) in enumerate(blocks):
-        if street is layout:
-            keys = {"crown_m": 0.08, "kerb_m": FOOT_M, "spacing_m": 0.4}
+        if street.file is layout.file:
+            keys = {"crown_m": 0.08, "kerb_m": FOOT_M, "spacing_m": ROAD_SPACING_M}
             grounds.append(_strip(street, block, number, "road", 2.0 * street.kerb_m, 0.0, **keys))
         for kind, width_m, middle_m in (
             ("pavement", pavement_m, street.kerb_m + KERB_M + 0.5 * pavement_m),
@@ -283,7 +291,9 @@ def _grounds(layout: Layout) -> list[Tables]:
     crossing = [_along(street, 0.0, 0.0, street.profile.begin_m) for street in layout.side_streets]
     if crossing:
         size_m = [2.0 * CROSS_REACH_M, 2.0 * CROSS_HALF_M]
-        grounds.append(sheet("cross_roads", "road", "asphalt", size_m, crossing, spacing_m=0.4, kerb_m=FOOT_M))
+        grounds.append(
+            sheet("cross_roads", "road", "asphalt", size_m, crossing, spacing_m=ROAD_SPACING_M, kerb_m=FOOT_M)
+        )
         size_m, y_m = [KERB_M, pavement_m + KERB_M], layout.kerb_m + 0.5 * (KERB_M + pavement_m)
         ends_m = [
             0.5 * (block_m + ways_m)
@@ -297,13 +307,43 @@ def _grounds(layout: Layout) -> list[Tables]:
             _along(layout, x_m, side * y_m, z_m) for x_m, z_m in zip(ends_m, heights_m, strict=True) for side in (1, -1)
         ]
         grounds.append(sheet("kerbs_of_corners", "kerb", "concrete", size_m, corners, kerb_m=RAISED_M + FOOT_M))
-    return grounds
+    return grounds + (_junctions(layout) if layout.junctions else [])
+
+
+def _junctions(layout: Layout) -> list[Tables]:
+    """Roads, pavements and kerbs of the junctions at which a loop turns, which are alike."""
+    half_m, turn = layout.junctions[0].half_m, np.linspace(0.0, 0.5 * np.pi, CORNER_STEPS + 1)[:, None]
+    kerb_m, front_m = layout.kerb_m, layout.front_m
+    rounded_m = kerb_m + CORNER_M * (1.0 - np.concatenate([np.cos(turn), np.sin(turn)], axis=1))
+    outer_m = np.array([[half_m, kerb_m], [half_m, front_m], [front_m, half_m], [kerb_m, half_m]])
+    corner_m = np.pad(np.concatenate([outer_m, rounded_m]), ((0, 0), (0, 1)))
+    quarter = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    edge_m = corner_m[[*range(3, len(corner_m)), 0]][::-1]
+    road_m = np.concatenate([edge_m @ np.linalg.matrix_power(quarter, number) for number in range(4)])
+    pavement_m, (rim_m,) = kerbed_corner_m(corner_m, Outline(corner_m=road_m, spacing_m=ROAD_SPACING_M))
+    places = [
+        [
+            placed(*junction.middle[:2], z_m, math.degrees(junction.middle[2]) + 90.0 * number)
+            for junction in layout.junctions
+            for z_m in (layout.height_m(np.array([junction.begin_m])) + raised_m).tolist()
+            for number in range(corners)
+        ]
+        for raised_m, corners in ((0.0, 1), (RAISED_M, 4))
+    ]
+    raised = {"instances": places[1], "kerb_m": RAISED_M + FOOT_M}
+    keys = {"outline": rounded(road_m), "instances": places[0], "spacing_m": ROAD_SPACING_M}
+    return [
+        ground("junctions", "road", "asphalt", **keys),
+        ground("corners", "pavement", "concrete", outline=rounded(pavement_m), **raised),
+        ground("kerbs_of_junctions", "kerb", "concrete", outline=rounded(rim_m), **raised),
+    ]
 
 
 def _without_corners(layout: Layout, block: Block) -> Block:
     """Part of a block between the kerbs along the streets that cross at its ends."""
+    open_m = {layout.begin_m, layout.end_m, *(end_m for junction in layout.junctions for end_m in junction[:2])}
     return Block(
-        block.begin_m + KERB_M * (block.begin_m > layout.begin_m), block.end_m - KERB_M * (block.end_m < layout.end_m)
+        block.begin_m + KERB_M * (block.begin_m not in open_m), block.end_m - KERB_M * (block.end_m not in open_m)
     )
 
 
@@ -336,8 +376,9 @@ def _markings(streets: Sequence[Layout], prefix: str = "") -> list[Tables]:
                 across = range(-int(street.kerb_m - 0.5), int(street.kerb_m - 0.5) + 1)
                 stripes += [_along(street, crossing.x_m, number, PAINT_M) for number in across]
             for direction in (1, -1):
-                middle_m = -direction * 0.5 * file.lanes * file.lane_width_m
-                lines.append(_along(street, crossing.stop_x_m(direction) + 0.2 * direction, middle_m, PAINT_M))
+                stop_m, middle_m = crossing.stop_x_m(direction), -direction * 0.5 * file.lanes * file.lane_width_m
+                if street.begin_m < stop_m < street.end_m:
+                    lines.append(_along(street, stop_m + 0.2 * direction, middle_m, PAINT_M))
     keys = {"spacing_m": 0.2, "on_ground": True}
     markings = (
         ("dashes", [3.0, 0.12], dashes),
