@@ -170,19 +170,40 @@ def test_blocks_that_were_given_up_come_back(monkeypatch: pytest.MonkeyPatch, su
 
 
 def test_legs_carry_a_body_evenly_up_a_kerb_and_a_slope() -> None:
-    """A runner at 4 m/s: a kerb of 0.13 m at 2 m takes 0.3 s, never downwards; a slope and a plane are followed."""
-    kerb = Ride(path=Course(speed_m_s=4.0), height_m=lambda place_m: np.where(place_m[:, 0] > 2.01, 0.13, 0.0))
+    """A runner at 4 m/s: a kerb of 0.13 m takes 0.4 s at most, never downwards; a slope and a plane are followed."""
     time_s = np.linspace(0.0, 2.5, 2501)
-    states = kerb.at(time_s)
-    height_m, climbing_m_s = states.position_m[:, 2], states.velocity_m_s[:, 2]
-    np.testing.assert_allclose(np.gradient(height_m, time_s), climbing_m_s, atol=1e-3)
-    assert climbing_m_s.min() >= -1e-12
-    assert 0.13 * 5.0 <= climbing_m_s.max() <= 0.13 * 7.5 + 1e-12
-    rises = time_s[(height_m > 1e-6) & (height_m < 0.13 - 1e-6)]
-    assert 0.2 < np.ptp(rises) < 3.0 * FOLLOW_S
-    assert rises[0] < 2.01 / 4.0 < rises[-1]
+    for kerb_m in (2.01, 2.1, 2.26):
+        kerb = Ride(
+            path=Course(speed_m_s=4.0), height_m=lambda place_m, at=kerb_m: np.where(place_m[:, 0] > at, 0.13, 0.0)
+        )
+        states = kerb.at(time_s)
+        height_m, climbing_m_s = states.position_m[:, 2], states.velocity_m_s[:, 2]
+        np.testing.assert_allclose(np.gradient(height_m, time_s), climbing_m_s, atol=1e-3)
+        assert climbing_m_s.min() >= -1e-12
+        assert 0.13 * 5.0 - 1e-12 <= climbing_m_s.max() <= 0.13 * 7.5 + 1e-12
+        rises = time_s[(height_m > 1e-6) & (height_m < 0.13 - 1e-6)]
+        assert 0.2 < np.ptp(rises) < 4.0 * FOLLOW_S
+        assert rises[0] < kerb_m / 4.0 < rises[-1]
     slope = Ride(path=Course(speed_m_s=4.0), height_m=lambda place_m: 0.3 - 0.1 * place_m[:, 0])
     np.testing.assert_allclose(slope.at(time_s).position_m[:, 2], 0.3 - 0.4 * time_s, atol=1e-12)
+
+
+def test_rides_on_rough_ground_are_the_same_alone_and_together() -> None:
+    """To the last bit, walkers and cars, whatever is asked with them and before."""
+    surface = RoughSurface.draw("C", 5)
+
+    def rides_on_it() -> list[Ride]:
+        paths = [Course(speed_m_s=0.7 * number, velocity_m_s=(0.3, 0.1 * number, 0.0)) for number in range(6)]
+        suspensions = [None, Suspension()] * 3
+        return [
+            Ride(path=path, height_m=surface.height_m, suspension=own)
+            for path, own in zip(paths, suspensions, strict=True)
+        ]
+
+    time_s = np.linspace(0.2, 3.1, 23)
+    together = states_of(rides_on_it(), np.tile(time_s, (6, 1))).position_m
+    alone = np.stack([[ride.at(time_s[row : row + 1]).position_m[0] for row in range(23)] for ride in rides_on_it()])
+    np.testing.assert_array_equal(together, alone)
 
 
 def test_standing_and_braking_on_a_plane() -> None:

@@ -212,17 +212,24 @@ class BoxTally:
         if self.moves:
             np.add.at(self._time_ps, place, np.rint(points.time_s[counted] / 1e-12).astype(np.int64))
 
-    def place_boxes(self) -> None:
-        """Place the boxes at the mean time of their bodies' points."""
+    def place_boxes(self, *, seen_only: bool = False) -> None:
+        """Place the boxes at the mean time of their bodies' points.
+
+        Args:
+            seen_only: leave out bodies without an echo: in a town two thirds
+        """
         points = np.maximum(self._points_on.sum(axis=1), 1)
         starts_s = self._starts_s[0] + self._points_on @ (self._starts_s - self._starts_s[0]) / points
         seen_s = starts_s + self._time_ps * 1e-12 / points
         # All motions are asked at once, and the vehicle's for all bodies: one time costs as much as a hundred.
-        self._boxes = _carried(self._things, starts_s, seen_s)
-        if self._ego is None or not self._boxes:
+        ego = [] if self._ego is None else [self._ego.at(clipped(times_s, self._ego)) for times_s in (starts_s, seen_s)]
+        kept = np.flatnonzero(self._points_on.any(axis=1) | (not seen_only))
+        self._things, self._points_on = [self._things[row] for row in kept.tolist()], self._points_on[kept]
+        self._boxes = _carried(self._things, starts_s[kept], seen_s[kept])
+        if not ego or not self._boxes:
             return
         # As seen from the sensor then, but placed from its pose at the start of the frame.
-        start, seen = (self._ego.at(clipped(times_s, self._ego)) for times_s in (starts_s, seen_s))
+        start, seen = (states.taken(kept) for states in ego)
         back = seen.rotation.transpose(0, 2, 1)
         between_m = start.position_m + _applied(start.rotation, _applied(-back, seen.position_m))
         turned, (positions_m, rotations) = start.rotation @ back, _places([box.pose for box in self._boxes])
@@ -261,11 +268,14 @@ class GatheredBoxes:
 
     first: PointCloud
 
-    def __init__(
-        self, folder: str | os.PathLike[str], scene: Scene, *, as_seen: bool = True, with_ego: bool = False
-    ) -> None:
-        """Begin a frame; points are stored in ``folder`` if something moves. Options as of `BoxTally`."""
-        self._folder, self._scene, self._as_seen, self._with_ego = folder, scene, as_seen, with_ego
+    def __init__(self, folder: str | os.PathLike[str], scene: Scene, *, whole: bool = False) -> None:
+        """Begin a frame; points are stored in ``folder`` if something moves.
+
+        Args:
+            whole: take all bodies, with the ego vehicle's, where they are when the frame starts; False: those of which
+                points are in the box, where the cloud shows them
+        """
+        self._folder, self._scene, self._whole = folder, scene, whole
         self._tally: BoxTally | None = None
         self._spool: Spool | None = None
         self._waiting: list[list[Numbers]] = []
@@ -292,17 +302,17 @@ class GatheredBoxes:
         """Boxes of all clouds that were appended; call it once."""
         assert self._tally is not None
         if self._spool is not None:
-            self._tally.place_boxes()
+            self._tally.place_boxes(seen_only=True)
             for piece in self._waiting:
                 self._tally.count_points(*piece)
             for rows in self._spool.blocks():
                 xyz_m = np.stack([rows["x"], rows["y"], rows["z"]], axis=-1)
                 self._tally.count_points(xyz_m, *(rows[name] for name, _ in _WAITING_COLUMNS))
-        return self._tally.boxes()
+        return [box for box in self._tally.boxes() if self._whole or box.has_points]
 
     def _begin(self, points: CountedPoints) -> None:
         self.first = points.cloud
-        self._tally = BoxTally(points.cloud, self._scene, as_seen=self._as_seen, with_ego=self._with_ego)
+        self._tally = BoxTally(points.cloud, self._scene, as_seen=not self._whole, with_ego=self._whole)
         if self._tally.moves:
             position: list[tuple[str, Any]] = [(axis, points.columns[0].dtype) for axis in "xyz"]
             self._spool = Spool(self._folder, [*position, *_WAITING_COLUMNS])

@@ -246,9 +246,7 @@ def kitti_stream(
         yield gathered.append
         sensor_pose = sensor_place(gathered.first)
         boxes = [
-            box.seen_from(sensor_pose)
-            for box in gathered.boxes()
-            if box.has_points and kind_of(box.class_name).kitti != NOT_IN_KITTI
+            box.seen_from(sensor_pose) for box in gathered.boxes() if kind_of(box.class_name).kitti != NOT_IN_KITTI
         ]
         lines = [_kitti_line(box) for box in boxes if all_around or _picture_box(box)[1] < 1.0] or [DONT_CARE]
         temporary.write_text("".join(line + "\n" for line in lines), encoding="utf-8")
@@ -280,7 +278,7 @@ def _nuscenes_stream(path: Path, scene: Scene) -> Iterator[Append]:
                 "translation": sensor_pose.position_m.tolist(),
                 "rotation": list(quaternion(sensor_pose.rotation)),
             },
-            "sample_annotations": [nuscenes_annotation(box) for box in gathered.boxes() if box.has_points],
+            "sample_annotations": [nuscenes_annotation(box) for box in gathered.boxes()],
         }
         temporary.write_text(json_text(content, indent=1) + "\n", encoding="utf-8")
 
@@ -306,10 +304,7 @@ def nuscenes_annotation(box: Box) -> dict[str, Any]:
 
 @contextmanager
 def _osi_stream(path: Path, scene: Scene) -> Iterator[Append]:
-    with (
-        atomic_output(path) as temporary,
-        GatheredBoxes(temporary.parent, scene, as_seen=False, with_ego=True) as gathered,
-    ):
+    with atomic_output(path) as temporary, GatheredBoxes(temporary.parent, scene, whole=True) as gathered:
         yield gathered.append
         truth = gathered_truth(gathered, scene)
         temporary.write_bytes(framed(truth.fields(gathered.first.frame_start_s)))

@@ -174,9 +174,7 @@ def sample_stream(folder: Path, sample: Sample, scene: Scene, record: dict[str, 
             "sensor_to_world": _rows(sensor_pose),
             # nuScenes has no boxes of what cannot move, such as poles; their points have classes.
             "boxes": [
-                entry
-                for entry in (_record_of(box) for box in gathered.boxes() if box.has_points)
-                if not entry["category_name"].startswith("static.")
+                entry for entry in map(_record_of, gathered.boxes()) if not entry["category_name"].startswith("static.")
             ],
         }
 

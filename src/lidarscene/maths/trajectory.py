@@ -80,7 +80,10 @@ class Motion(Protocol):
         """True if the velocity is constant and the frame never turns."""
 
     def at(self, time_s: Numbers) -> States:
-        """States at (n,) times [s] in the span; beyond it, those at its end."""
+        """States at (n,) times [s] in the span; beyond it, those at its end.
+
+        Velocities are the derivatives of the poses: places between the instants of a table follow from both.
+        """
 
 
 def pose_at(motion: Motion, time_s: float = 0.0) -> Pose:
@@ -370,7 +373,7 @@ class _BeyondEnds(_Carried):
         return self.motion, clipped(time_s, self.motion)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HeldAtEnds(_BeyondEnds):
     """A motion extended beyond its span: at rest in its first pose before, in its last pose after.
 
@@ -381,6 +384,14 @@ class HeldAtEnds(_BeyondEnds):
     """
 
     delay_s: float = 0.0
+
+    def __eq__(self, other: object) -> bool:
+        """Whether the other one extends the same motion, as late."""
+        return isinstance(other, HeldAtEnds) and self.motion is other.motion and self.delay_s == other.delay_s
+
+    def __hash__(self) -> int:
+        """Number for dictionaries: a motion need not have one."""
+        return hash((id(self.motion), self.delay_s))
 
     def carrier_at(self, time_s: Numbers) -> tuple[Motion, Numbers]:
         """The motion, at times clipped to its span."""
@@ -460,6 +471,24 @@ class Repeated(_BeyondEnds):
     def carried(motions: Sequence[Repeated], states: States, time_s: Numbers) -> States:
         """States of the rounds that run."""
         return states
+
+
+def held_from_m_s(motion: Motion, first_s: float, last_s: float) -> float:
+    """Largest speed [m/s] that a motion has at an end of its span, within these times, at which it is held."""
+    speed_m_s, carried = 0.0, motion
+    while carried is not None:
+        if isinstance(carried, HeldAtEnds):
+            first_s, last_s = first_s - carried.delay_s, last_s - carried.delay_s
+            for end_s in carried.motion.span_s:
+                if first_s - CLOCK_ROUNDING_S <= end_s <= last_s + CLOCK_ROUNDING_S:
+                    velocity_m_s = carried.motion.at(np.array([end_s])).velocity_m_s
+                    speed_m_s = max(speed_m_s, float(np.linalg.norm(velocity_m_s)))
+        carried = next((getattr(carried, name) for name in _CARRIERS if hasattr(carried, name)), None)
+    return speed_m_s
+
+
+_CARRIERS = "motion", "carrier", "path"
+"""Attributes of motions that follow from another one, which is there."""
 
 
 def fastest_turn_rad_s(motion: Motion) -> float:

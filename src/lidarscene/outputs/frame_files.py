@@ -93,11 +93,11 @@ class FrameFiles:
         ambient = AmbientImage() if "ambient" in self.files else None
         packets = self._packets()
         rays: list[PulseRays] | None = [] if "keep_rays" in self.files else None
-        later_taken: list[Callable[[], None]] = []
+        kept: list[Callable[[], None]] = []
         with ExitStack() as opened:
             takers = opened.enter_context(self._takers(picture, packets))
             if self.closing is not None and picture is None:
-                takers = [_keeper(later_taken, take) for take in takers]
+                takers = [_keeper(kept, take) for take in takers]
             for number, (simulator, take) in enumerate(zip(self._simulators, takers, strict=True), start=1):
                 later = self._simulators[number:]
                 ahead = partial(later[0].begin, self.frame, self.frames) if later else self.ahead
@@ -112,7 +112,7 @@ class FrameFiles:
                     simulator.stream(take, self.frame, observers, ahead=ahead, read=self._reader(simulator))
             since = time.perf_counter()
             if self.closing is not None:
-                opened.callback(_call_all, later_taken)
+                opened.callback(lambda: [take() for take in kept])
                 self.closing(opened)
         if self.capture is not None and packets is not None:
             self.capture.take(packets.firings())
@@ -273,11 +273,6 @@ class FrameFiles:
 def _keeper(kept: list[Callable[[], None]], take: Append) -> Append:
     """Return a function that keeps points until they are taken."""
     return lambda points: kept.append(partial(take, points))
-
-
-def _call_all(functions: Sequence[Callable[[], None]]) -> None:
-    for function in functions:
-        function()
 
 
 @contextmanager

@@ -75,7 +75,7 @@ def trace_stream(plan: Plan, path: Path, scene: Scene, append: Callable[..., Non
         append: function that appends a cloud and its ground truth to the trace
     """
     builder = CloudBuilder()
-    with GatheredBoxes(path.parent, scene, as_seen=False, with_ego=True) as gathered:
+    with GatheredBoxes(path.parent, scene, whole=True) as gathered:
 
         def gather(cloud: PointCloud) -> None:
             gathered.append(cloud)
@@ -105,7 +105,7 @@ def rerun_stream(outputs: Outputs, folder: Path, scene: Scene, append: Callable[
         # Beams of several sensors share no image.
         if len(cloud) and len(sensor_positions_m(cloud.metadata)) == 1:
             ring_images = {name: image for name, image in images(cloud).items() if name in LOGGED_IMAGES}
-        append(cloud, boxes=[box for box in gathered.boxes() if box.has_points], images=ring_images)
+        append(cloud, boxes=gathered.boxes(), images=ring_images)
 
 
 LOGGED_IMAGES = ("range", "intensity", "ambient")

@@ -19,7 +19,7 @@ import numpy as np
 
 from ...maths.arrays import Array, LookupTable, Numbers, aligned_copy, is_drjit
 from ...maths.units import is_static
-from .backend import mitsuba
+from .backend import is_cuda, mitsuba
 from .types import DeviceArray
 
 
@@ -152,6 +152,16 @@ def start(arrays: Sequence[object]) -> None:
     # One call for all of them: arrays of one width become one kernel, which computes what they share once. Read one by
     # one, each array would trace its rays anew.
     dr.eval(*arrays)
+
+
+def split_kernel(*values: object) -> None:
+    """Start to compute these on a GPU, so that what follows is another kernel.
+
+    OptiX takes ever longer the longer a kernel is: on an H200 52 s for 23,566 operations, all that a ray may meet in a
+    scene that moves, and 2.4 s for 5,497.
+    """
+    if is_cuda():
+        start(values)
 
 
 def wait() -> None:

@@ -59,12 +59,11 @@ class DeviceColumns:
         mi, index = mitsuba(), dr.compress(chosen)
         if not (count := dr.width(index)):
             return self.part(0, 0)
-        index = more_than_one(index)
+        index = more_than_one(index) + transfer.opaque_uint32(self.first)
         number = dr.arange(mi.UInt32, 3 * dr.width(index))
-        place = 3 * dr.gather(mi.UInt32, index, number // 3) + number % 3
-        arrays = {name: dr.ravel(self.array(name)) for name in self.arrays}
-        places = {name: place if name == "xyz_m" else index for name in arrays}
-        return DeviceColumns({name: dr.gather(type(own), own, places[name]) for name, own in arrays.items()}, 0, count)
+        places = {"xyz_m": 3 * dr.gather(mi.UInt32, index, number // 3) + number % 3}
+        arrays = {name: dr.gather(type(own), own, places.get(name, index)) for name, own in self.arrays.items()}
+        return DeviceColumns(arrays, 0, count)
 
     def array(self, name: str) -> Any:
         """Array of these points alone, (count,), or a tensor (count, 3) of xyz_m, on the device."""

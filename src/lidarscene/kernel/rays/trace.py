@@ -27,6 +27,7 @@ from ...maths.arrays import Array, Lanes, Mask, is_drjit, xp
 from ...maths.motion_table import MovingBodies
 from ...maths.random import Seed
 from ...maths.vectors import Vector
+from ..device import transfer
 from ..device.backend import mitsuba
 from ..device.types import Bsdf, DeviceVector, Interaction, Ray, components
 from ..world.mitsuba_world import World
@@ -112,7 +113,11 @@ def trace(
     def sunshine(ray: Ray, sunny: Mask) -> tuple[Any, Lanes]:
         return _sunshine(moment, ray, sunny, interactions)
 
-    return tuple(_hits(moment, path, meeting, sunshine, firing) for path, meeting in paths)
+    hits = []
+    for path, meeting in paths:
+        hits.append(_hits(moment, path, meeting, sunshine, firing))
+        transfer.split_kernel(hits[-1])
+    return tuple(hits)
 
 
 def _survey(moment: Moment, path: BeamPath, meeting: Meeting, firing: Firing) -> Hits:
@@ -144,6 +149,7 @@ def _follow_paths(moment: Moment, path: BeamPath, interactions: int, active: Mas
     # begins at the first pane. Without mirrors and gaps the first pane, if there is one, is met at the first step, and
     # the later steps need no code for it.
     second, mirrored, going_on = path, mi.Bool(False), mi.Bool(active)
+    transfer.split_kernel(path, meeting, going_on)
     for number in range(interactions):
         pane = _pane_before(moment, path, meeting, going_on)
         if pane is not None and speculars.panes and (number == 0 or speculars.mirrors or speculars.gaps):
@@ -155,11 +161,12 @@ def _follow_paths(moment: Moment, path: BeamPath, interactions: int, active: Mas
             second = select_fields(splits, select_fields(comes_back, ended, reflected), second)
             mirrored |= splits
         path, meeting, going_on = _step(moment, path, meeting, pane, going_on)
+        transfer.split_kernel(path, meeting, going_on, second, mirrored)
     meeting = _at_last_pane(moment, path, meeting, going_on)
+    transfer.split_kernel(meeting)
     if not speculars.panes:
         return [(path, meeting)]
-    second, end = _second_path(moment, second, mirrored, interactions)
-    return [(path, meeting), (second, end)]
+    return [(path, meeting), _second_path(moment, second, mirrored, interactions)]
 
 
 def _second_path(moment: Moment, path: BeamPath, active: Mask, interactions: int) -> tuple[BeamPath, Meeting]:
@@ -169,11 +176,15 @@ def _second_path(moment: Moment, path: BeamPath, active: Mask, interactions: int
     path = dataclasses.replace(path, throughput=dr.select(active, path.throughput, 0.0))
     comes_back = active & (path.glint_per_sr > 0.0)  # a specular return: the path ends at that pane
     meeting, going_on = moment.meet(path.ray, active), active & ~comes_back
+    transfer.split_kernel(path, meeting, going_on)
     # The first pane was one interaction. A path that met a mirror before it has used up more than one.
     for _ in range(1, interactions):
         going_on = going_on & (path.interactions < interactions)
         path, meeting, going_on = _step(moment, path, meeting, _pane_before(moment, path, meeting, going_on), going_on)
-    return path, _at_last_pane(moment, path, meeting, going_on | comes_back)
+        transfer.split_kernel(path, meeting, going_on)
+    meeting = _at_last_pane(moment, path, meeting, going_on | comes_back)
+    transfer.split_kernel(meeting)
+    return path, meeting
 
 
 def _pane_before(moment: Moment, path: BeamPath, meeting: Meeting, active: Mask) -> Meeting | None:

@@ -105,7 +105,8 @@ class CentreLine:
     def bends_m(self) -> list[tuple[float, float]]:
         """Begin and end of each bend."""
         at_m = self.begin_m + np.cumsum([0.0, *(piece[0] for piece in self.pieces)])
-        return [(float(at_m[begin]), float(at_m[end])) for begin, end in runs([any(each[1:]) for each in self.pieces])]
+        bends = np.array([any(piece[1:]) for piece in self.pieces])
+        return [(float(at_m[begin]), float(at_m[end])) for begin, end in runs(bends)]
 
     def _from_node(self, number: Numbers | int, beyond_m: Numbers | float) -> Numbers:
         """(..., 3) change of x, y and heading from nodes to places beyond them."""

@@ -258,8 +258,8 @@ def lay_out(file: StreetFile) -> Layout:
     if file.corners == "junctions":
         _lay_junctions(layout)
     ends_m = [place_m for junction in layout.junctions for place_m in junction[:2]]
-    for part_m in np.reshape([begin_m, *ends_m, end_m], (-1, 2)).tolist():
-        _cut_into_blocks(layout, *part_m, random)
+    for first_m, last_m in np.reshape([begin_m, *ends_m, end_m], (-1, 2)).tolist():
+        _cut_into_blocks(layout, first_m, last_m, random)
     parts_m = [(block.begin_m, block.end_m) for block in layout.blocks]
     layout.profile = draw_profile(file, parts_m, np.random.default_rng([file.seed, 6]))
     main = draw_district(random)
