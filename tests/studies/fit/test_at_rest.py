@@ -216,6 +216,24 @@ def test_without_a_fitted_pixel_nothing_is_known(text: str) -> None:
     assert "laser.energy_spread" in fit_at_rest(weak, text, "unit.toml").unknown
 
 
+@pytest.mark.parametrize(("above", "is_told"), [(20.0, True), (1e5, False)])
+def test_weak_surfaces_tell_no_jitter_of_strong_returns(
+    above: float, is_told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rationale: at 0.3 of the light a Pandar64's came out as 69 +/- 12 and 105 +/- 56 ps for 40."""
+
+    def stay(_: Statistics, __: object, start: Numbers, ___: Numbers, **____: object) -> Solution:
+        place = np.atleast_2d(start)[0]
+        return Solution(value=place, slope=1e4 * np.eye(len(place)), scores=np.zeros((2, len(place))))
+
+    monkeypatch.setattr(at_rest, "solve", stay)
+    text = put_changes(PANDAR, {"tdc.strong_above": (above, "")})
+    fit = fit_at_rest(read_by(parse_sensor(text, "unit"), pixels(3), 3), text, "unit")
+    reason = fit.unknown.get("tdc.strong_jitter_ps", "")
+    assert ("tdc.strong_jitter_ps" in fit.by_key) == is_told
+    assert reason.startswith("no surface is strong" if not is_told else "")
+
+
 def test_without_a_beam_that_the_file_refuses_the_rest_is_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Rationale: one trial of a beam below its diffraction ended the whole fit."""
     text = put_changes(PANDAR, {"laser.exit_diameter_mm": (5.0, "")})

@@ -118,6 +118,23 @@ def test_the_roughness_of_a_law_is_no_information() -> None:
     assert sigmas[0] == pytest.approx(sigmas[1], rel=0.3)
 
 
+def test_a_step_beside_the_solution_is_no_information() -> None:
+    """A bin that jumps by ten sigmas at once below the truth: the interval is that of the law above, to 30 %.
+
+    Rationale: a light at a step of the scatter, where the strong returns' channel begins, was 8 sigma off.
+    """
+    truth = np.array([0.2, 0.7])
+    recorded = recorded_as(line(truth[None])[0])
+
+    def stepped(places: Numbers) -> Numbers:
+        below = places[:, 1:] < truth[1] - 0.01
+        return line(places) + 10.0 * recorded.sigma * below * (np.arange(BINS) == 3)
+
+    found = solve(recorded, stepped, truth, WIDE, step=0.1)
+    np.testing.assert_allclose(found.value, truth, atol=0.02)
+    np.testing.assert_allclose(found.covariance, solve(recorded, line, truth, WIDE, step=0.1).covariance, rtol=0.3)
+
+
 def test_of_several_starts_the_best_counts() -> None:
     """The deeper of two minima is found; rationale: units of 3 times the light were told as 0.7 +/- 0.1."""
     assert solved_valleys(0.2, [-1.2]).value[0] < 0.0

@@ -368,6 +368,13 @@ def _converter(pixels: PixelsAtRest, text: str, where: str) -> Law:
     reasons = more | reasons
     told = f": {LIGHT}" if LIGHT in names else ", and not here"
     reasons[POWER] = f"only its product with lens and scale of intensities is known, over the noise{told}"
+    if STRONG in names and solved is not None:
+        assert sensor.tdc.strong_above is not None
+        light_times = math.exp(solved.value[names.index(LIGHT)]) if LIGHT in names else 1.0
+        margin = light_times * detection_margin(sensor, board(boards.pixels), boards.pixels.mean_m)
+        strongest = max(np.median(margin[members]) for members in boards.members)
+        if strongest < sensor.tdc.strong_above:  # of weaker ones only what else scatters would be told
+            reasons[STRONG] = f"no surface is strong: echoes reach {strongest:.3g} times the threshold"
     if DIVERGENCE in names and solved is not None:
         beam = {DIVERGENCE: math.exp(solved.value[names.index(DIVERGENCE)])}
         light = echoes_of_plane(parse_sensor(_changed(text, beam), where), board(boards.pixels), boards.pixels.mean_m)

@@ -12,7 +12,7 @@ import numpy as np
 from ...maths.arrays import Numbers, map_arrays
 from ...maths.special import SIGMA_PER_MAD
 from .estimates import Solution, huber_weight
-from .tuning import CURVE_HUBER, FIRST_MISFIT, MOST_STEPS, ROUNDS, SAME_MINIMUM, UNKNOWN_SIGMA
+from .tuning import CURVE_HUBER, FIRST_MISFIT, INTERVALS, MOST_STEPS, ROUNDS, SAME_MINIMUM, STEP_RATIO, UNKNOWN_SIGMA
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -102,7 +102,8 @@ def solve(
         bounds: (2, p) of the parameters
         step: of the first central differences that are the slopes; later ones reach along the main axes of the interval
             to its end, since over short ways the noise of a simulated law counts as information. They are taken at the
-            nearest node of a lattice of such steps, so that places near each other share their statistics
+            nearest node of a lattice of such steps, so that places near each other share their statistics. Beside a
+            step of the law, where a fit may end, those of the interval are to that side on which it changes less
         prior: (2, p) expected parameters, and their standard deviations; None: nothing is expected
         error: (k,) standard deviation of what is predicted at (p,) parameters
     """
@@ -125,11 +126,23 @@ def solve(
     def residuals(place: Numbers, root: Numbers) -> Numbers:
         return np.append((laws(place[None])[0] - recorded.value) * root, (place - expected) / width)
 
+    def jacobian_of(ways: Numbers, rises: Numbers, root: Numbers) -> Numbers:
+        return np.vstack([np.linalg.lstsq(ways, rises, rcond=None)[0].T * root[:, None], np.diag(1.0 / width)])
+
     def slopes(place: Numbers, root: Numbers) -> Numbers:
         node = np.clip(step * np.rint(place / step), *bounds)
         above, below = np.clip(node + moves, *bounds), np.clip(node - moves, *bounds)
-        rises = np.subtract(*np.split(laws(np.vstack([above, below])), 2))
-        return np.vstack([np.linalg.lstsq(above - below, rises, rcond=None)[0].T * root[:, None], np.diag(1.0 / width)])
+        return jacobian_of(above - below, np.subtract(*np.split(laws(np.vstack([above, below])), 2)), root)
+
+    def least_slopes(place: Numbers, root: Numbers) -> tuple[Numbers, bool]:
+        """Slopes to that side along each way on which the law changes less, and whether one is by far the less."""
+        ends = np.clip(place + np.stack([moves, -moves]), *bounds)
+        ways, rises = ends - place, np.stack([laws(side) for side in ends]) - laws(place[None])
+        with np.errstate(invalid="ignore"):  # a side that a bound cuts off
+            steepness = np.linalg.norm(rises * root, axis=2) / np.linalg.norm(ways, axis=2)
+        chosen = np.nanargmin(steepness, axis=0), np.arange(len(moves))
+        is_step = np.any(np.nanmax(steepness, axis=0) > STEP_RATIO * np.nanmin(steepness, axis=0))
+        return jacobian_of(ways[chosen], rises[chosen], root), bool(is_step)
 
     rules: dict[str, Any] = {"x_scale": "jac", "max_nfev": MOST_STEPS, "xtol": 1e-5, "ftol": 1e-4}
     moves, sigma, weight = step * np.eye(len(expected)), spread(places[0]), np.ones_like(recorded.value)
@@ -155,6 +168,14 @@ def solve(
             is_new = np.any(np.abs(places - end.x) > SAME_MINIMUM * widths, axis=1).all()
             if is_new and square < min(squares) + 4.0:  # what differs by two sigma at most is not known
                 places = np.vstack([places, end.x])
+    moves = step * np.eye(len(expected))
+    for number in range(INTERVALS):
+        to_less, is_step = least_slopes(found.x, root)
+        if number == 0 and not is_step:
+            break
+        moves = _axes(_covariance(to_less), step)
+    else:  # the interval of the larger volume: the ways to one side may have been short
+        jacobian = max(jacobian, to_less, key=lambda each: float(np.linalg.slogdet(_covariance(each))[1]))
     scores = ((recorded.parts + recorded.share * residual) * root) @ jacobian[: len(root)]
     return Solution(
         value=found.x,

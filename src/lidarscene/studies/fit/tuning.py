@@ -21,6 +21,12 @@ the file."""
 ROUNDS = 4
 """Accuracy bought: solutions one after the other; the last one changes by less than a tenth of its sigma."""
 
+INTERVALS = 3
+"""Accuracy bought: times that an interval beside a step is found, from slopes that reach as far as the one before."""
+
+STEP_RATIO = 2.0
+"""Choice: ratio of what a law changes by to both sides beyond which it has a step there."""
+
 SAME_MINIMUM = 0.1
 """Choice: sigmas of each parameter within which two ends of a solver are one minimum."""
 
