@@ -45,6 +45,7 @@ fuzz: $(READY)
 	FUZZ_SENSORS=500 FUZZ_SEED=$(SEED) $(BIN)/pytest -n 0 -q tests/fuzz/test_sensors_in_turn.py
 
 # The tests of kernels run once more with kernels as users have them: the suite compiles without optimisation.
+test-all: export EVERY_CASE = 1
 test-all: test
 	TEST_OPTIMISED_KERNELS=1 $(BIN)/pytest -n 3 --dist loadfile -q tests/kernel tests/detection tests/light tests/chain
 	ENDURANCE=1 $(BIN)/pytest -n 0 tests/fuzz/test_endurance.py

@@ -53,6 +53,9 @@ def test_cases_are_drawn_anew_on_a_known_seed(monkeypatch: pytest.MonkeyPatch) -
     first = chosen(2, "abcdef")
     monkeypatch.setenv(NAME, "8")
     assert chosen(2, "abcdef") == first
+    monkeypatch.setenv("EVERY_CASE", "1")
+    assert chosen(2, "abcdef") == list("abcdef")
+    monkeypatch.delenv("EVERY_CASE")
     monkeypatch.setenv(CASES_NAME, "seven")
     with pytest.raises(pytest.UsageError, match="CASE_SEED: must be a whole number >= 0, got 'seven'"):
         chosen(2, "abcdef")

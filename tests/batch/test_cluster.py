@@ -5,6 +5,7 @@ import json
 import math
 import os
 import re
+import shlex
 import signal
 import socket
 import subprocess
@@ -67,20 +68,8 @@ class Scheduler:
 
     def start_workers(self, count: int, *options: str, first: Path | None = None) -> None:
         """Start workers by the command of docs/clusters.md."""
-        self.start(
-            "worker",
-            self.address,
-            "--nworkers",
-            str(count),
-            "--nthreads",
-            "1",
-            "--memory-limit",
-            "0",
-            "--host",
-            "127.0.0.1",
-            *options,
-            first=first,
-        )
+        words = f"--nworkers {count} --nthreads 1 --memory-limit 0 --host 127.0.0.1"
+        self.start("worker", self.address, *shlex.split(words), *options, first=first)
 
     def end(self, processes: int) -> None:
         """End all but the first of its processes, so many; workers end their own ones."""

@@ -15,6 +15,7 @@ from helpers.clouds import small_cloud
 from helpers.command_line import WALL
 from helpers.mistakes import told
 from helpers.recordings import OUSTER
+from helpers.run_seed import chosen
 
 import lidarscene
 from lidarscene import LidarSceneError, Report, Scene
@@ -140,7 +141,7 @@ def call_oddly(function: Callable[..., Any], good: dict[str, Any]) -> None:
 
 @pytest.mark.filterwarnings("ignore::lidarscene.errors.OptionWarning")
 @pytest.mark.usefixtures("mi")
-@pytest.mark.parametrize("name", FUNCTIONS)
+@pytest.mark.parametrize("name", chosen(17, list(FUNCTIONS)))
 def test_functions(name: str) -> None:
     of_package = name in lidarscene._FUNCTIONS
     function = lidarscene._function_of_package(name) if of_package else getattr(lidarscene, name)

@@ -4,6 +4,7 @@ import contextlib
 import gc
 import os
 import random
+import shlex
 import signal
 import subprocess
 import sys
@@ -56,6 +57,10 @@ def test_frames_compile_and_leave_nothing(mi: Any, tmp_path: Path) -> None:
     assert _resident() - memory < GROWTH
 
 
+LONG_RUN = "-m lidarscene render moving.toml -o out --frames 200 --sensor=table1-apd --labels=kitti"
+LONG_RUN += " --keep-missed=out/m.npz"
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are those of POSIX")
 def test_killed_at_any_moment(mi: Any, tmp_path: Path) -> None:
     """What has its name is whole. Asked to end, a run leaves nothing else; killed, what one frame had begun, which the
@@ -66,23 +71,7 @@ def test_killed_at_any_moment(mi: Any, tmp_path: Path) -> None:
     for number in range(KILLS):
         signal_number = (signal.SIGTERM, signal.SIGKILL)[number % 2]
         running = subprocess.Popen(
-            [
-                sys.executable,
-                "-m",
-                "lidarscene",
-                "render",
-                "moving.toml",
-                "-o",
-                "out",
-                "--frames",
-                "200",
-                *COARSE,
-                "--sensor=table1-apd",
-                "--labels=kitti",
-                "--keep-missed=out/m.npz",
-            ],
-            cwd=tmp_path,
-            stderr=subprocess.DEVNULL,
+            [sys.executable, *shlex.split(LONG_RUN), *COARSE], cwd=tmp_path, stderr=subprocess.DEVNULL
         )
         before = _clouds(out)
         wait_until(lambda before=before, running=running: _clouds(out) != before or running.poll() is not None)

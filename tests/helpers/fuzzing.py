@@ -135,28 +135,9 @@ class Workshop:
 
     def next_input(self, rng: random.Random) -> Input:
         """The next input of this stream."""
-        kinds = (
-            self.sensor,
-            self.scene,
-            self.rig,
-            self.job,
-            self.cloud,
-            self.mesh,
-            self.table,
-            self.xml,
-            self.line,
-            self.line,
-            self.settings,
-            self.no_file,
-            self.recording,
-            self.recording,
-            self.recording,
-            self.unit,
-            self.stage,
-            self.mesh_with_parts,
-            self.mesh_cache_entry,
-            self.live,
-        )
+        files = (self.sensor, self.scene, self.rig, self.job, self.cloud, self.mesh, self.table, self.xml, self.unit)
+        others = (self.line, self.line, self.settings, self.no_file, self.stage, self.mesh_with_parts, self.live)
+        kinds = (*files, *others, *3 * [self.recording], self.mesh_cache_entry)
         return rng.choice(kinds)(rng)
 
     def sensor(self, rng: random.Random) -> Input:

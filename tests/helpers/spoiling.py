@@ -12,39 +12,12 @@ WORDS = """
     9223372036854775808 0x10 1_000 0.1 3.7 65536 true
 """
 NUMBERS = (*WORDS.split(), "1" + "0" * 400, "9" * 5000)
-TEXTS = (
-    "",
-    " ",
-    "a",
-    "\u0000",
-    "../../etc/passwd",
-    "/dev/null",
-    "/dev/zero",
-    ".",
-    "..",
-    "/",
-    "a\nb",
-    "\u202e",
-    "ü" * 300,
-    "x" * 20_000,
-    "{0}",
-    "{path}",
-    "%s",
-    "$HOME",
-    "None",
-    "[a](b)",
-    "\x1b[31m",
-    "in/pipe",
-    "in/folder",
-    "in",
-    "--",
-    "-",
-    "NaN",
-    "a.toml",
-    "C:\\a",
-    "\ud800",
-    "0" * 4301,
-)
+PLAIN_TEXTS = r"""
+    a ../../etc/passwd /dev/null /dev/zero . .. / {0} {path} %s $HOME None [a](b)
+    in/pipe in/folder in -- - NaN a.toml C:\a
+"""
+ODD_TEXTS = ("", " ", "\u0000", "a\nb", "\u202e", "ü" * 300, "x" * 20_000, "\x1b[31m", "\ud800", "0" * 4301)
+TEXTS = (*PLAIN_TEXTS.split(), *ODD_TEXTS)
 
 
 def number(rng: random.Random) -> str:

@@ -337,30 +337,22 @@ def boxes_of_classes(*class_names: str) -> list[Box]:
     ]
 
 
+def of_classes(rows: str) -> dict[str, str]:
+    """What each class is, of rows `WHAT CLASS CLASS ...`."""
+    words = (row.split() for row in rows.replace("\n", ";").split(";") if row.strip())
+    return {name: what for what, *names in words for name in names}
+
+
 def test_classes_of_osi(tmp_path: Path, library: Any) -> None:
     """Reference: the names of the OSI group's own definitions, in betterosi; and roll, pitch, yaw as SciPy has them."""
     osi = library("betterosi")
-    vehicles = {
-        "car": "CAR",
-        "van": "DELIVERY_VAN",
-        "truck": "HEAVY_TRUCK",
-        "trailer": "TRAILER",
-        "motorcycle": "MOTORBIKE",
-        "motorcyclist": "MOTORBIKE",
-        "bicycle": "BICYCLE",
-        "cyclist": "BICYCLE",
-        "bus": "BUS",
-        "Tram": "TRAM",
-    }
-    people = dict.fromkeys(("pedestrian", "person", "child", "wheelchair_user"), "PEDESTRIAN")
-    walkers = people | {"animal": "ANIMAL"}
-    structures = {
-        "pole": "POLE",
-        "sign": "VERTICAL_STRUCTURE",
-        "traffic_sign": "VERTICAL_STRUCTURE",
-        "barrier": "BARRIER",
-        "gantry": "OTHER",
-    }
+    rows = """
+        CAR car; DELIVERY_VAN van; HEAVY_TRUCK truck; TRAILER trailer; MOTORBIKE motorcycle motorcyclist
+        BICYCLE bicycle cyclist; BUS bus; TRAM Tram
+    """
+    vehicles = of_classes(rows)
+    walkers = of_classes("PEDESTRIAN pedestrian person child wheelchair_user; ANIMAL animal")
+    structures = of_classes("POLE pole; VERTICAL_STRUCTURE sign traffic_sign; BARRIER barrier; OTHER gantry")
     boxes = boxes_of_classes(*vehicles, *walkers, *structures)
     (tmp_path / "a.osi").write_bytes(framed(ground_truth(boxes).fields(17.25)))
     (truth,) = osi_messages(tmp_path / "a.osi", "GroundTruth", library)
@@ -402,13 +394,9 @@ MOVING_ROWS = "252 car; 253 cyclist; 254 pedestrian; 255 motorcyclist; 256 tram;
 """The same file: 253 moving bicyclist, 254 person, 255 motorcyclist, 256 on rails, 257 bus, 258 truck, 259 other."""
 
 
-def numbers_of(rows: str) -> dict[str, int]:
-    """Number of each class, of rows `NUMBER CLASS CLASS ...`."""
-    words = (row.split() for row in rows.replace("\n", ";").split(";") if row.strip())
-    return {name: int(number) for number, *names in words for name in names}
-
-
-SEMANTIC, MOVING = numbers_of(SEMANTIC_ROWS), numbers_of(MOVING_ROWS)
+SEMANTIC, MOVING = (
+    {name: int(number) for name, number in of_classes(rows).items()} for rows in (SEMANTIC_ROWS, MOVING_ROWS)
+)
 
 
 def test_classes_of_kitti() -> None:

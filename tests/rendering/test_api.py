@@ -55,11 +55,9 @@ test_slips = calls(
     (lambda: lidarscene.batch("job", ""), "output | name of a file | an empty text"),
     (lambda: lidarscene.load_cloud(""), "path | name of a file | an empty text"),
     (lambda: lidarscene.load_rig(3), "rig | a file or a Rig | int"),
-    (lambda: lidarscene.render("edges", pose=(1, 2)), "pose | Pose | x, y, z | (1, 2)"),
     (lambda: lidarscene.render("edges", pose="here"), "pose | Pose | x, y, z | 'here'"),
     (lambda: lidarscene.render("edges", pose=(0, 0, float("nan"))), "pose | Pose | x, y, z | nan"),
     (lambda: lidarscene.render("edges", seed=1.5), "seed | whole number | 1.5"),
-    (lambda: lidarscene.render("edges", interactions=9), "interactions | whole number | 9"),
     (lambda: lidarscene.render("edges", sed=3), "option 'sed' | rays, interactions, background_rays, vectors"),
     (lambda: lidarscene.render("car", sensors="table1-apd"), "option 'sensors' | sensor? | rays"),
     *(

@@ -131,18 +131,6 @@ def test_points_per_second(name):
     assert scanner.pulses / scanner.frame_s == pytest.approx(POINTS_PER_SECOND[name], rel=2e-6)
 
 
-def test_vlp16_firing_table():
-    """Reference: VLP-16 user manual 63-9243."""
-    scanner = scanners.vlp16()
-    time_s = scanner.time_s(np.arange(33))
-    np.testing.assert_allclose(time_s[:16], 2.304e-6 * np.arange(16), atol=1e-15)
-    assert time_s[16] - time_s[0] == pytest.approx(55.296e-6, rel=1e-12)
-    assert time_s[16] - time_s[15] == pytest.approx(2.304e-6 + 18.432e-6, rel=1e-9)
-    _, elevation = scanner.angles(np.arange(16, dtype=np.uint32))
-    np.testing.assert_allclose(np.degrees(elevation), scanners.VLP16_FIRING_ORDER_DEG, rtol=1e-6)
-    np.testing.assert_array_equal(scanner.channel(np.arange(32, dtype=np.uint32)), [*range(16)] * 2)
-
-
 def test_lasers_fire_in_the_order_of_their_times():
     """Those that fire at once keep the order of the list; the channel is the place in the list."""
     scanner = scanners.encoder_clocked()

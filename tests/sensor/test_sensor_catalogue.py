@@ -211,7 +211,9 @@ def test_vlp16_angles() -> None:
     assert angles_deg("vlp-16", 16)[1] == pytest.approx(
         [-15, 1, -13, 3, -11, 5, -9, 7, -7, 9, -5, 11, -3, 13, -1, 15], abs=1e-4
     )
-    time = load_sensor("vlp-16").scanner.time_s(np.arange(33, dtype=np.uint32))
+    scanner, pulse = load_sensor("vlp-16").scanner, np.arange(33, dtype=np.uint32)
+    assert scanner.channel(pulse).tolist() == [*range(16), *range(16), 0]
+    time = scanner.time_s(pulse)
     assert time[[1, 15, 16, 32]] == pytest.approx([2.304e-6, 34.56e-6, 55.296e-6, 110.592e-6], rel=1e-6)
 
 

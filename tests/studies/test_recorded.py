@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.mistakes import told
+from helpers.run_seed import chosen
 from helpers.trains import detect
 
 from lidarscene import catalog
@@ -32,7 +33,7 @@ def fewer_shots(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(published_values, "SHOTS", 10_000)
 
 
-@pytest.mark.parametrize("name", OUSTERS)
+@pytest.mark.parametrize("name", chosen(2, OUSTERS))
 def test_held_to_its_recording(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """15 % in signal, 20 % in threshold, noise and glare, a ratio of 1.25 in scatter.
 

@@ -71,17 +71,8 @@ def test_the_command_renders_what_is_shown(
     cloud = PointCloud.load("out.ply")
     np.testing.assert_array_equal(cloud.range_m, arrays["range"])
     np.testing.assert_array_equal(cloud.snr, arrays["snr"])
-    assert command("car", "vlp-16", (), {FRAME: 3}) == [
-        "lidarscene",
-        "render",
-        "car",
-        "-o",
-        "out",
-        "--frames",
-        "4",
-        "--sensor",
-        "vlp-16",
-    ]
+    typed = "lidarscene render car -o out --frames 4 --sensor vlp-16"
+    assert shlex.join(command("car", "vlp-16", (), {FRAME: 3})) == typed
     assert command("car", "vlp-16", (), {FOG: 50.0, "sensor": "vlp-16", BUDGET: 0})[5:] == ["--sensor", "vlp-16"]
     header, arrays = unpack_blob(live.render({"detector": "SiPM of Table 1", "detector.pde": 0.3}))
     assert "--set detector=table1-sipm" in header["command"]

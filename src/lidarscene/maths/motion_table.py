@@ -420,7 +420,8 @@ def _swept_boxes(table: Numbers, carried_m: Numbers, step_s: Numbers) -> Numbers
     a, b, c, d, e, f, g, h, i = np.square(np.diff(rotation, axis=3)).reshape(9, len(carried_m), -1)
     turned = np.sqrt((((a + b) + (c + d)) + ((e + f) + (g + h)) + i).max(axis=1))
     bulge_m = _bulge(numbers[:3], numbers[7:10], step_s[carries]).T
-    twist = np.linalg.norm(_bulge(quaternion, np.stack(_turning(quaternion, numbers[10:13])), step_s[carries]), axis=0)
+    rates = np.array(_turning([*quaternion], [*numbers[10:13]]))
+    twist = np.linalg.norm(_bulge(quaternion, rates, step_s[carries]), axis=0)
     room = corner_m * (turned + 4.0 * twist) + 1e-4 + 2e-6 * np.abs([low, high]).max(axis=(0, 2))
     room = room[:, None] + bulge_m
     boxes[carries] = np.stack([low - room, high + room], axis=1)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Annotated, Any, Protocol, TypeVar
 
@@ -475,7 +475,8 @@ class Repeated(_BeyondEnds):
 
 def held_from_m_s(motion: Motion, first_s: float, last_s: float) -> float:
     """Largest speed [m/s] that a motion has at an end of its span, within these times, at which it is held."""
-    speed_m_s, carried = 0.0, motion
+    carried: Motion | None = motion
+    speed_m_s = 0.0
     while carried is not None:
         if isinstance(carried, HeldAtEnds):
             first_s, last_s = first_s - carried.delay_s, last_s - carried.delay_s
@@ -512,7 +513,9 @@ def states_of(motions: Sequence[Motion], time_s: Numbers) -> States:
         if isinstance(motion, _Carried):
             carriers[row], carrier_times[row] = motion.carrier_at(time_s[row])
     below = None if carriers == list(motions) else states_of(carriers, carrier_times)
-    kinds = [getattr(type(motion), "together", None) if below is None else type(motion) for motion in motions]
+    kinds: list[Any] = [
+        getattr(type(motion), "together", None) if below is None else type(motion) for motion in motions
+    ]
     rows, groups = rows_by(kinds), []
     for kind, indices in rows.items():
         members, times = [motions[row] for row in indices], time_s[indices]
@@ -528,7 +531,7 @@ def states_of(motions: Sequence[Motion], time_s: Numbers) -> States:
     return States.joined(groups).taken(np.argsort([row for indices in rows.values() for row in indices]))
 
 
-Key = TypeVar("Key", bound=Hashable)
+Key = TypeVar("Key")
 
 
 def rows_by(keys: Sequence[Key]) -> dict[Key, list[int]]:

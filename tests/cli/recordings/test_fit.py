@@ -1,6 +1,7 @@
 """`lidarscene fit`: what it refuses, and the code that it ends with."""
 
 import json
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -27,21 +28,8 @@ def test_the_code_says_whether_the_laws_held(
         return "name = 'fitted'", Report("Fit", numbers={"found": 1}, passed=passed)
 
     monkeypatch.setattr(recording_fit, "fit_recordings", record_call)
-    assert (
-        run_fit(
-            tmp_path,
-            "-o",
-            str(tmp_path / "u.toml"),
-            "--metadata",
-            "u.json",
-            "--json",
-            "--sensor-index",
-            "1",
-            "--frames",
-            "2,0",
-        )
-        == code
-    )
+    words = shlex.split(f"-o {tmp_path / 'u.toml'} --metadata u.json --json --sensor-index 1 --frames 2,0")
+    assert run_fit(tmp_path, *words) == code
     assert json.loads(capsys.readouterr().out) == {"found": 1, "files": [str(tmp_path / "r" / "index.html")]}
     assert (tmp_path / "u.toml").read_text() == "name = 'fitted'"
     ((arguments, more),) = calls

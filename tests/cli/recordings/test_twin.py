@@ -1,6 +1,7 @@
 """The command `twin`, and `certify` with a twin."""
 
 import re
+import shlex
 import subprocess
 import sys
 from collections.abc import Callable
@@ -55,18 +56,6 @@ def test_libraries_report_nothing_at_the_end(tmp_path: Path, library: Callable[[
     """Rationale: at exit the decoder counts objects that it thinks are leaked, a hundred lines of them."""
     library("velodyne_decoder")
     path = pcap(tmp_path / "room.pcap", turns(150))
-    command = [
-        sys.executable,
-        "-m",
-        "lidarscene",
-        "twin",
-        str(path),
-        "--frames",
-        "0",
-        "--sensor",
-        "vlp-16",
-        "-o",
-        "twin",
-    ]
+    command = [sys.executable, *shlex.split(f"-m lidarscene twin {path} --frames 0 --sensor vlp-16 -o twin")]
     ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE_S)
     assert_ended(ran)

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from helpers import photons
+from helpers.run_seed import chosen
 from helpers.trains import in_fog, train
 
 from lidarscene.detection import receiver
@@ -277,7 +278,7 @@ SUN = {
 """Light from lambda tau = 0.05 to 3 on sensors of the tests, at the threshold, and on the Sony array."""
 
 
-@pytest.mark.parametrize("case", SUN)
+@pytest.mark.parametrize("case", chosen(8, list(SUN)))
 def test_the_share_found_in_strong_sun_is_the_probability(case):
     """6,000 echoes over the places in a bin: 4 standard errors (false alarms of 6e-5 each), and 0.01 for the gain of
     the search (T98). A background that is 3 % off makes 0.3 to 0.6, a shadow to first order 0.05 to 0.6.

@@ -80,7 +80,7 @@ def frames(simulator):
         yield simulator.render(seed=seed, **arguments)
 
 
-@pytest.mark.parametrize("case", chosen(8, list(CASES)))
+@pytest.mark.parametrize("case", chosen(4, list(CASES)))
 def test_frames_are_those_of_stages_that_python_writes_down_and_compile_nothing(case, monkeypatch):
     """Frames of one simulator, against one that does without. No tolerance: they are the same.
 
