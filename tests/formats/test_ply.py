@@ -269,7 +269,8 @@ def test_writing_takes_no_step_for_each_point(tmp_path: Path) -> None:
         return calls[0]
 
     steps(10)  # the first of a process imports and caches
-    assert 100 < steps(10_000) <= steps(10) + 10
+    # What other tests left is sometimes collected meanwhile.
+    assert 100 < steps(10_000) < steps(10) + 1000
 
 
 @pytest.mark.parametrize("ascii", [False, True])
