@@ -264,4 +264,4 @@ def test_a_free_path_leaves_other_surfaces_alone(behind_m):
     # Which of two coincident surfaces a ray meets is rounding (docs/scene_files.md): on a GPU, that of each ray.
     if behind_m > 0.0 or not is_cuda():
         assert agrees_with_share(near[at_fence].sum(), at_fence.sum(), COVER)
-    assert np.any(deep.hits.range_m[near] > flat.hits.range_m[near]) == (behind_m > 0.0)
+        assert np.any(deep.hits.range_m[near] > flat.hits.range_m[near]) == (behind_m > 0.0)

@@ -201,7 +201,7 @@ def test_worlds_of_other_simulators_compile_nothing() -> None:
 
 
 def test_no_kernel_of_a_card_is_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A card compiles 23,566 operations in 52 s: there each meeting is a kernel of its own, with the same cloud."""
+    """A card compiles 23,566 operations in 52 s: there each path and its end are kernels, with the same cloud."""
     sensor = chain.sensor("table1-apd", *SENSOR)
     whole = Simulator(load_scene("drive"), sensor).render(seed=1)
     monkeypatch.setattr(transfer, "is_cuda", lambda: True)

@@ -157,8 +157,8 @@ def start(arrays: Sequence[object]) -> None:
 def split_kernel(*values: object) -> None:
     """Start to compute these on a GPU, so that what follows is another kernel.
 
-    OptiX takes ever longer the longer a kernel is: on an H200 52 s for 23,566 operations, all that a ray may meet in a
-    scene that moves, and 2.4 s for 5,497.
+    OptiX takes longer than in proportion for a long kernel: on an H200 52 s for 23,566 operations, all that a ray may
+    meet in a scene that moves, 2.4 s for 5,497 and 0.9 s for 2,334. Twenty short ones take a frame 2 ms longer.
     """
     if is_cuda():
         start(values)

@@ -18,7 +18,6 @@ from ...maths.arrays import Array, Lanes, Mask, is_drjit, xp
 from ...maths.motion_table import Placement
 from ...physics.optics import dielectrics
 from ...physics.optics.polarisation import LobeShares, Stokes, pane_shares
-from ..device import transfer
 from ..device.backend import mitsuba
 from ..device.types import Ray
 from .gaps import gap_share
@@ -265,7 +264,6 @@ def sunlight_share(moment: Moment, ray: Ray, active: Mask, *, interactions: int)
     # by their share, without chance: unlike a ray of the beam, sunlight is an average over the surface.
     path, open_ = BeamPath(ray=ray, throughput=mi.Float(1.0)), active & ~moment.blocked(ray, active)
     glazed = open_
-    transfer.split_kernel(path, open_)
     for _ in range(interactions):
         pane = moment.pane(path.ray, dr.inf, glazed)
         glazed = pane.valid
@@ -274,5 +272,4 @@ def sunlight_share(moment: Moment, ray: Ray, active: Mask, *, interactions: int)
             porous = moment.speculars.is_porous(kind_of(moment, pane))
             dimmed = path.throughput * gap_share(moment.world, pane.surface, porous)
             path = dataclasses.replace(path, throughput=dr.select(porous, dimmed, path.throughput))
-        transfer.split_kernel(path, glazed)
     return dr.select(open_ & ~moment.glazed(path.ray, glazed), path.throughput, 0.0)

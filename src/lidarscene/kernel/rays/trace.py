@@ -149,7 +149,6 @@ def _follow_paths(moment: Moment, path: BeamPath, interactions: int, active: Mas
     # begins at the first pane. Without mirrors and gaps the first pane, if there is one, is met at the first step, and
     # the later steps need no code for it.
     second, mirrored, going_on = path, mi.Bool(False), mi.Bool(active)
-    transfer.split_kernel(path, meeting, going_on)
     for number in range(interactions):
         pane = _pane_before(moment, path, meeting, going_on)
         if pane is not None and speculars.panes and (number == 0 or speculars.mirrors or speculars.gaps):
@@ -161,9 +160,8 @@ def _follow_paths(moment: Moment, path: BeamPath, interactions: int, active: Mas
             second = select_fields(splits, select_fields(comes_back, ended, reflected), second)
             mirrored |= splits
         path, meeting, going_on = _step(moment, path, meeting, pane, going_on)
-        transfer.split_kernel(path, meeting, going_on, second, mirrored)
     meeting = _at_last_pane(moment, path, meeting, going_on)
-    transfer.split_kernel(meeting)
+    transfer.split_kernel(path, meeting, second, mirrored)
     if not speculars.panes:
         return [(path, meeting)]
     return [(path, meeting), _second_path(moment, second, mirrored, interactions)]
@@ -176,14 +174,12 @@ def _second_path(moment: Moment, path: BeamPath, active: Mask, interactions: int
     path = dataclasses.replace(path, throughput=dr.select(active, path.throughput, 0.0))
     comes_back = active & (path.glint_per_sr > 0.0)  # a specular return: the path ends at that pane
     meeting, going_on = moment.meet(path.ray, active), active & ~comes_back
-    transfer.split_kernel(path, meeting, going_on)
     # The first pane was one interaction. A path that met a mirror before it has used up more than one.
     for _ in range(1, interactions):
         going_on = going_on & (path.interactions < interactions)
         path, meeting, going_on = _step(moment, path, meeting, _pane_before(moment, path, meeting, going_on), going_on)
-        transfer.split_kernel(path, meeting, going_on)
     meeting = _at_last_pane(moment, path, meeting, going_on | comes_back)
-    transfer.split_kernel(meeting)
+    transfer.split_kernel(path, meeting)
     return path, meeting
 
 
