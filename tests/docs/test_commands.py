@@ -30,7 +30,7 @@ def reader(tmp_path_factory: pytest.TempPathFactory) -> Reader:
 
 
 def test_pages_show_commands_that_exist() -> None:
-    """Of all pages; those that run are drawn."""
+    """Each is one, before any of them runs."""
     shown = [command for page in PAGES for command in commands(page) if not incomplete(command)]
     assert len(shown) > 60
     for command in shown:

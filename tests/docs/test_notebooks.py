@@ -14,7 +14,6 @@ import nbformat
 import pytest
 from helpers.documentation import ROOT
 from helpers.notebooks import run, written
-from helpers.run_seed import chosen
 from helpers.twins import use_few_evaluations, use_few_trees
 
 from lidarscene.formats.registry import SUFFIXES
@@ -55,7 +54,7 @@ def kinds(notebook: dict[str, Any]) -> list[list[list[str]]]:
     return [[sorted(output.get("data", {"text": ""})) for output in cell["outputs"]] for cell in cells]
 
 
-@pytest.mark.parametrize("path", chosen(2, NOTEBOOKS), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs(mi, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     use_few_trees(monkeypatch)
     use_few_evaluations(monkeypatch)
@@ -78,7 +77,7 @@ def test_a_notebook_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert [path.name for path in ROOT.iterdir() if path.name.endswith(SUFFIXES)] == []
 
 
-@pytest.mark.parametrize("path", chosen(2, NOTEBOOKS), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_is_valid_and_small(path: Path) -> None:
     notebook = nbformat.read(path, as_version=4)
     nbformat.validate(notebook)
@@ -87,7 +86,7 @@ def test_a_notebook_is_valid_and_small(path: Path) -> None:
     assert all(cell.outputs or "import" in cell.source for cell in code)
 
 
-@pytest.mark.parametrize("path", chosen(2, NOTEBOOKS), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_installs_the_package_where_it_is_missing(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = next(cell for cell in json.loads(path.read_text("utf-8"))["cells"] if cell["cell_type"] == "code")
     for missing in (False, True):
