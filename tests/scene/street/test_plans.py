@@ -45,7 +45,7 @@ def area_m2(corner_m: np.ndarray) -> float:
 @pytest.mark.parametrize("angle", [0.2, -1.0, np.pi / 2])
 def test_a_bend_turns_by_its_angle_with_its_radius_and_alike_from_both_ends(angle: float) -> None:
     """Clothoids are 0.6 of the radius long, or half of the bend; the way back is the mirror image."""
-    pieces = lines._bend(angle, 50.0)
+    pieces = lines.bend(angle, 50.0)
     length_m = sum(piece[0] for piece in pieces)
     assert pieces[0][0] == pytest.approx(50.0 * min(0.6, abs(angle) / 2))
     line = lines.CentreLine([(10.0, 0.0, 0.0), *pieces, (10.0, 0.0, 0.0)], 0.0)
@@ -65,7 +65,7 @@ def test_a_bend_turns_by_its_angle_with_its_radius_and_alike_from_both_ends(angl
     turned = lines.CentreLine(line.pieces, 0.0, origin=(3.0, -4.0, 0.7)).at(way_m, np.zeros(401))
     back = (turned[:, :2] - [3.0, -4.0]) @ np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
     np.testing.assert_allclose(back, place[:, :2], atol=1e-9)
-    assert lines._bend(0.0, 50.0) == []
+    assert lines.bend(0.0, 50.0) == []
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -89,7 +89,7 @@ LOOP = {"loop": True, "laps": 1, "length_m": 900.0}
 JUNCTIONS = LOOP | {"corners": "junctions"}
 
 
-@pytest.mark.parametrize("keys", [{"lanes": 1}, {"lanes": 2}, {"lanes": 3}, LOOP, JUNCTIONS])
+@pytest.mark.parametrize("keys", [{"lanes": 1}, {"lanes": 2}, {"lanes": 3}, LOOP, JUNCTIONS, JUNCTIONS | {"lanes": 2}])
 @pytest.mark.parametrize("seed", chosen(1, [1, 2, 3]))
 def test_nothing_that_stands_overlaps(seed: int, keys: dict[str, object]) -> None:
     """Houses, parked cars, trunks, posts and people are apart from each other and clear of all lanes and crossings."""
@@ -102,13 +102,31 @@ def test_nothing_that_stands_overlaps(seed: int, keys: dict[str, object]) -> Non
     overlaps = meet(corners[:, None], corners)
     np.fill_diagonal(overlaps, False)
     assert [(names[a], names[b]) for a, b in zip(*np.nonzero(overlaps), strict=True)] == []
-    # The lanes of the street, each metre, and the streets that cross it or lead away.
+    assert on_roads(layout) == []
+
+
+@pytest.mark.parametrize("pavement_m", [2.8, 6.0, 10.0])
+@pytest.mark.parametrize("lanes", [1, 2, 3])
+def test_nothing_stands_on_the_streets_that_lead_away_from_junctions(lanes: int, pavement_m: float) -> None:
+    """Their room is taken from one end to the other, whatever the widths, before anything is built."""
+    layout = laid.lay_out(street(1, **JUNCTIONS | {"length_m": 1200.0, "lanes": lanes, "pavement_m": pavement_m}))
+    assert on_roads(layout) == []
+    for arm in layout.arms:
+        assert arm.begin_m >= layout.front_m, "the square ends beyond the pavements"
+        for x_m in np.arange(arm.begin_m + 1.0, arm.end_m, 2.0):
+            assert not arm.room.is_free(np.append(arm.line.at(np.array([x_m]), np.zeros(1)), [[0.1, 0.1]], axis=1))
+
+
+def on_roads(layout: laid.Layout) -> list[str]:
+    """Names of what stands on the lanes of a street, each metre, and on streets that cross it or lead away."""
+    (corners, names), found = standing_boxes(layout), []
     for each in layout.streets:
         way_m = np.arange(each.begin_m, each.end_m, 1.0)
         is_alike = each.file is layout.file
         road_m = 2 * (each.file.lanes * each.file.lane_width_m if is_alike else each.kerb_m)
-        for place in ribbon(each, way_m, np.zeros(len(way_m)), (1.2, road_m)):
-            assert [names[index] for index in np.flatnonzero(meet(corners, place))] == []
+        places = ribbon(each, way_m, np.zeros(len(way_m)), (1.2, road_m))
+        found += [names[index] for index in np.flatnonzero(meet(corners[:, None], places).any(axis=1))]
+    return found
 
 
 def ribbon(layout: laid.Layout, x_m: np.ndarray, y_m: np.ndarray, size_m: tuple[float, float]) -> np.ndarray:
@@ -341,18 +359,18 @@ def test_kerbs_go_round_the_corners_of_streets_that_cross(loop: bool) -> None:
     assert 2.0 * blocks_m - pavement_m == pytest.approx(len(expected) * laid.KERB_M, abs=0.15)
 
 
-@pytest.mark.parametrize(("seed", "lanes"), [(1, 1), (2, 3), (3, 2)])
+@pytest.mark.parametrize(("seed", "lanes", "pavement_m"), [(1, 1, 10.0), (2, 3, 3.2), (3, 2, 3.2)])
 def test_a_junction_is_road_and_pavement_without_a_gap_and_the_lanes_are_on_its_road(
-    seed: int, lanes: int, tmp_path: Path
+    seed: int, lanes: int, pavement_m: float, tmp_path: Path
 ) -> None:
     """Its square is one ground at each place, the soil behind its cut corners left out; four streets begin there.
 
     A car keeps 0.5 m to the kerbs on each lane.
     """
-    path = tmp_path / "loop.toml"
-    path.write_text(f'[street]\nseed = {seed}\nlength_m = 900\nloop = true\ncorners = "junctions"\nlanes = {lanes}\n')
+    file = street(seed, lanes=lanes, pavement_m=pavement_m, **JUNCTIONS)
+    path = write_scene(street_tables(file), tmp_path / "loop", origin="junctions")
     of_class = {name: grounds(path, name) for name in ("road", "pavement", "kerb")}
-    layout = laid.lay_out(street(seed, lanes=lanes, **JUNCTIONS))
+    layout = laid.lay_out(file)
     assert len(layout.junctions) == 6
     assert len(layout.arms) == 12
     for junction in layout.junctions:

@@ -238,12 +238,12 @@ def wind(file: StreetFile, begin_m: float, end_m: float, random: np.random.Gener
     while True:
         straight_m = random.uniform(*file.bend_spacing_m)
         angle = math.radians(random.uniform(*file.bend_deg)) * (1.0 if random.random() < 0.5 else -1.0)
-        bend = _bend(-angle if abs(heading + angle) > STEEPEST_RAD else angle, random.uniform(*file.bend_radius_m))
-        bend_m = sum(piece[0] for piece in bend)
-        if not bend or way_m + straight_m + bend_m > end_m - file.bend_spacing_m[0]:
+        drawn = bend(-angle if abs(heading + angle) > STEEPEST_RAD else angle, random.uniform(*file.bend_radius_m))
+        bend_m = sum(piece[0] for piece in drawn)
+        if not drawn or way_m + straight_m + bend_m > end_m - file.bend_spacing_m[0]:
             pieces.append((end_m - way_m, 0.0, 0.0))
             return CentreLine(pieces, begin_m)
-        pieces += [(straight_m, 0.0, 0.0), *bend]
+        pieces += [(straight_m, 0.0, 0.0), *drawn]
         way_m += straight_m + bend_m
         heading += -angle if abs(heading + angle) > STEEPEST_RAD else angle
 
@@ -269,13 +269,11 @@ def close(file: StreetFile, front_m: float, random: np.random.Generator, radius_
     drawn_m = random.uniform(*file.bend_radius_m, 6) if radius_m is None else np.full(6, radius_m)
     radii_m = np.minimum(drawn_m, 0.36 * float(sides.min()) * file.length_m)
     turn = 1.0 if random.random() < 0.5 else -1.0
-    corners = [_bend(turn * sign * 0.5 * math.pi, each) for sign, each in zip(LOOP_TURNS, radii_m, strict=True)]
+    corners = [bend(turn * sign * 0.5 * math.pi, each) for sign, each in zip(LOOP_TURNS, radii_m, strict=True)]
     bend_m = np.array([sum(piece[0] for piece in corner) for corner in corners])
-    # Both ends of a bend are as far from where the sides would meet.
-    ends = [CentreLine(bend, 0.0).at(way_m, np.zeros(1)) for bend, way_m in zip(corners, bend_m[:, None], strict=True)]
-    tangent_m = np.concatenate(ends)[:, 0]
-    sides *= file.length_m + float((2.0 * tangent_m - bend_m).sum())
-    straight_m = sides - tangent_m - np.roll(tangent_m, 1)
+    tangents_m = np.array([tangent_m(corner) for corner in corners])
+    sides *= file.length_m + float((2.0 * tangents_m - bend_m).sum())
+    straight_m = sides - tangents_m - np.roll(tangents_m, 1)
     pieces: list[Piece] = [(0.5 * straight_m[0], 0.0, 0.0)]
     for number, corner in enumerate(corners):
         following = straight_m[(number + 1) % 6] * (0.5 if number == 5 else 1.0)
@@ -283,7 +281,13 @@ def close(file: StreetFile, front_m: float, random: np.random.Generator, radius_
     return CentreLine(pieces, 0.0, is_loop=True)
 
 
-def _bend(angle: float, radius_m: float) -> list[Piece]:
+def tangent_m(pieces: Sequence[Piece]) -> float:
+    """Distance from both ends of a bend by a right angle to where its sides would meet."""
+    end_m = np.array([sum(piece[0] for piece in pieces)])
+    return float(CentreLine(pieces, 0.0).at(end_m, np.zeros(1))[0, 0])
+
+
+def bend(angle: float, radius_m: float) -> list[Piece]:
     """Clothoid, arc and clothoid that turn by an angle; nothing for none."""
     if angle == 0.0:
         return []

@@ -18,7 +18,7 @@ import numpy as np
 
 from ... import catalog
 from ...maths.arrays import Numbers
-from .centre_line import CentreLine, Profile, close, draw_profile, wind
+from .centre_line import CentreLine, Profile, bend, close, draw_profile, tangent_m, wind
 from .shapes import (
     BUSH_ASIDE_M,
     BUSH_SPACING_M,
@@ -247,7 +247,9 @@ def lay_out(file: StreetFile) -> Layout:
     margin_m = 0.0 if file.loop else file.shown_m + 60.0
     begin_m, end_m = -margin_m, file.length_m + margin_m
     plan = np.random.default_rng([file.seed, 3])
-    radius_m = kerb_m + CORNER_M if file.corners == "junctions" else None
+    # The square of a junction holds its round kerbs and ends beyond its pavements.
+    least_m = max(kerb_m + CORNER_M, (front_m + KERB_M) / tangent_m(bend(0.5 * math.pi, 1.0)))
+    radius_m = least_m if file.corners == "junctions" else None
     line = close(file, front_m, plan, radius_m) if file.loop else wind(file, begin_m, end_m, plan)
     step_m = 0.5 * CROSS_HALF_M
     # Houses may stand at its edge.
@@ -311,7 +313,8 @@ def _lay_junctions(layout: Layout) -> None:
             arm_line = CentreLine([(reach_m, 0.0, 0.0)], 0.0, origin=(*junction.middle[:2], heading))
             arm = Layout(layout.file, layout.kerb_m, layout.front_m, half_m, reach_m, arm_line, layout.room)
             arm.crossings, arm.blocks = [Crossing(0.0, half_m, is_zebra=False)], [Block(half_m, reach_m)]
-            arm.take(0.5 * (half_m + reach_m), 0.0, 0.5 * (reach_m - half_m), layout.front_m - 0.05)
+            half_length_m = 0.5 * (reach_m - half_m)
+            layout.room.add(_boxes(arm_line, [(half_m + half_length_m, 0.0, half_length_m, layout.front_m - 0.05)]))
             layout.arms.append(arm)
     layout.junctions = junctions
 
