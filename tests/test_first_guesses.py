@@ -385,6 +385,8 @@ def test_a_street_is_a_scene_and_takes_numbers_of_numpy(tmp_path: Path) -> None:
     assert repr(lidarscene.street(np.int64(5), **keys).bodies) == repr(Scene(file).bodies)
     with told("town | from 3 to 12 | 99"):
         lidarscene.street(town=np.int64(99))
+    with told("corners | cannot be combined with town"):
+        lidarscene.street(town=4, corners="junctions")
     with pytest.raises(lidarscene.InputError, match="did you mean length_m"):
         lidarscene.street(lenght_m=80)
     with pytest.raises(lidarscene.InputError, match="osm and town: must be only one of them"):

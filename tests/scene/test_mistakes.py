@@ -201,6 +201,7 @@ def test_wall(given: str, named: str) -> None:
     [street]\nblock_m = [200, 100] | street.block_m | lowest and a highest | 200 and 100
     [street]\nloop = true\nlength_m = 300 | length_m | loop | >= 443 m | 300
     [street]\ncorners = "junctions" | street | corners | needs loop = true
+    [street]\nloop = true\ncorners = "junctions"\nbend_radius_m = [20, 40] | bend_radius_m | corners = "junctions"
     [street]\nlane = 2 | 'street.lane'
     extends = "drove" | scene 'drove' | drive
     extends = "scene.toml" | extends | scene.toml extends this file

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ... import catalog
+from ...errors import InputError
 from ...maths.arrays import Numbers
 from .centre_line import CentreLine, Profile, bend, close, draw_profile, tangent_m, wind
 from .shapes import (
@@ -240,16 +241,18 @@ class Layout:
 
 
 def lay_out(file: StreetFile) -> Layout:
-    """Lay out a street; the same for the same file."""
+    """Lay out a street; the same for the same file.
+
+    Raises:
+        InputError: if it cannot have the corners of the file, or is too short for a loop of its width
+    """
     kerb_m = file.lanes * file.lane_width_m + PARKING_M
     front_m = kerb_m + KERB_M + file.pavement_m
     # What hides is never beyond the road's ends, nor is a driver who looks for room to stop there.
     margin_m = 0.0 if file.loop else file.shown_m + 60.0
     begin_m, end_m = -margin_m, file.length_m + margin_m
     plan = np.random.default_rng([file.seed, 3])
-    # The square of a junction holds its round kerbs and ends beyond its pavements.
-    least_m = max(kerb_m + CORNER_M, (front_m + KERB_M) / tangent_m(bend(0.5 * math.pi, 1.0)))
-    radius_m = least_m if file.corners == "junctions" else None
+    radius_m = _junction_radius_m(file, kerb_m, front_m) if file.corners == "junctions" else None
     line = close(file, front_m, plan, radius_m) if file.loop else wind(file, begin_m, end_m, plan)
     step_m = 0.5 * CROSS_HALF_M
     # Houses may stand at its edge.
@@ -281,6 +284,17 @@ def lay_out(file: StreetFile) -> Layout:
         _line_street(layout, arm, layout.junctions[number // 2].begin_m, draw_district(aside, main), aside)
     _plant_bushes(layout, np.random.default_rng([file.seed, 7]))
     return layout
+
+
+def _junction_radius_m(file: StreetFile, kerb_m: float, front_m: float) -> float:
+    """Radius of bends in squares that hold round kerbs and end beyond the pavements."""
+    if not file.loop:
+        raise InputError('street.corners: "junctions" needs loop = true')
+    if "bend_radius_m" in file.model_fields_set:
+        raise InputError(
+            'street.bend_radius_m: cannot be combined with corners = "junctions", whose bends have one radius'
+        )
+    return max(kerb_m + CORNER_M, (front_m + KERB_M) / tangent_m(bend(0.5 * math.pi, 1.0)))
 
 
 def _lay_side_street(layout: Layout, crossing: Crossing, district: District, random: np.random.Generator) -> Layout:

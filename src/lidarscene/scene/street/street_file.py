@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field
 
 from ...files.toml import FileModel
 
@@ -80,9 +80,3 @@ class StreetFile(FileModel):
     shown_m: Annotated[float, Field(ge=50, le=1000)] = Field(
         default=180.0, description="distance to the ego vehicle beyond which what moves is hidden"
     )
-
-    @model_validator(mode="after")
-    def _check_corners(self) -> Self:
-        if self.corners != "bends" and not self.loop:
-            raise ValueError(f'corners = "{self.corners}" needs loop = true')
-        return self
