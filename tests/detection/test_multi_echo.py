@@ -39,6 +39,19 @@ SENSORS = {
 LOUD = ["tdc.threshold_to_noise=1", "tdc.walk='raw'", "tdc.stops=4"]
 
 
+def test_the_highest_pulse_is_that_behind_the_matched_filter():
+    """A longer echo of less power is higher there: SNR and P_d of the pulse are its own; without the filter, not."""
+    for timing, at in (("matched_filter", 1), ("constant_fraction", 0)):
+        equipped = sensor("table1-apd", f"tdc.timing='{timing}'")
+        power = power_at_snr(equipped, 4.3)
+        near, far = ([50.0], [power]), ([60.0, 60.0 + 1.9 * SIGMA_M], [0.72 * power] * 2)
+        alone = [detect(train(np.array([range_m]), np.array([power_w])), equipped) for range_m, power_w in (near, far)]
+        both = detect(train(np.array([near[0] + far[0]]), np.array([near[1] + far[1]])), equipped)
+        assert alone[0].snr[0] != pytest.approx(alone[1].snr[0], rel=0.05)
+        for name in ("snr", "detection_probability"):
+            assert getattr(both, name)[0] == pytest.approx(getattr(alone[at], name)[0], rel=1e-5)
+
+
 @pytest.mark.parametrize("sub_echoes", [1, 3, 16])
 @pytest.mark.parametrize("name", SENSORS)
 def test_sub_echoes_at_one_range_are_one_echo(name, sub_echoes):

@@ -17,7 +17,8 @@ def file_contents(folder: Path) -> dict[str, bytes]:
 def begun(folder: Path, pid: int) -> set[str]:
     """Names of the files below a folder whose temporary files a process has made."""
     pattern = re.compile(rf"\.(.+)\.[0-9a-f]{{8}}-{pid}-\d+-[0-9a-f]{{8}}\.part")
-    return {match[1] for path in folder.rglob("*.part") if (match := pattern.fullmatch(path.name))}
+    names = (name for _, _, names in os.walk(folder) for name in names)  # `rglob` fails where a folder goes meanwhile
+    return {match[1] for name in names if (match := pattern.fullmatch(name))}
 
 
 def part_name(name: str, *, pid: int = 999_999_999, start: int = 1, place: str = "") -> str:

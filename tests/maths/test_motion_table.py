@@ -108,7 +108,7 @@ def test_turning_on_through_180_degrees() -> None:
 @pytest.mark.parametrize("stop_s", [0.03, 0.0301, 0.0337])
 @pytest.mark.parametrize(("speed_m_s", "step_s"), [(2.5, STEP_S), (30.0, FINE_STEP_S)])
 def test_a_jump_of_the_speed_misses_as_stated(speed_m_s: float, step_s: float, stop_s: float) -> None:
-    """By 4/27 v h and less, wherever in the step the motion stops; boxes hold what the curve bulges."""
+    """The miss is 4/27 v h and less, wherever in the step the motion stops; boxes hold what the curve bulges."""
     far = Pose(position_m=(speed_m_s * (1.0 + stop_s), 0, 0))
     stops = HeldAtEnds(motion=Spline(time_s=np.array([-1.0, stop_s]), poses=(Pose(), far)))
     carried = np.array([[[-1e-3] * 3, [1e-3] * 3]])

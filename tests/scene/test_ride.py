@@ -189,7 +189,7 @@ def test_legs_carry_a_body_evenly_up_a_kerb_and_a_slope() -> None:
 
 
 def test_rides_on_rough_ground_are_the_same_alone_and_together() -> None:
-    """To the last bit, walkers and cars, whatever is asked with them and before."""
+    """Walkers and cars have the same bits, whatever is asked with them and before."""
     surface = RoughSurface.draw("C", 5)
 
     def rides_on_it() -> list[Ride]:

@@ -60,7 +60,7 @@ class _RiseSearch:
         in_window: whether the converter has taken any crossing
         last: place of the last crossing that it took
         highest: place of the highest peak
-        highest_w: power there
+        highest_w: power there, behind a matched filter if the receiver has one
         stops: crossings that the converter keeps so far, best first
         pulse: the last peak, which is not yet among the stops; None of a receiver that times edges
         memory: earlier echoes, as far as the detector remembers them
@@ -318,6 +318,8 @@ class Rises(Received):
         """State after a rise: the fields that both kinds of receiver update, and those that one of them ``changed``."""
         ops = self.ops
         peak_w = ops.where(rise.exists, rise.top[0], 0.0)
+        if self.sensor.matches:
+            peak_w = peak_w * self.sensor.height_gain(timing.curvature(self, rise))
         higher = peak_w > state.highest_w
         return _RiseSearch(
             highest=ops.where(higher, rise.peak, state.highest),

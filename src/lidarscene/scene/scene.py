@@ -35,7 +35,7 @@ from ..sensor.pose_file import Placed, pose_keys, to_pose
 from .meshes.mesh_objects import pieces_of_object
 from .meshes.reading import grey_material
 from .meshes.reflectivity_patterns import Cutout, ReflectivityPattern
-from .walking import LARGEST_LEVEL, Gait, Walk
+from .walking import LARGEST_LEVEL, Gait, GaitOnMotion
 from .weather import Weather
 
 SCENE_CHANGED_BY = 'scene.replace("sun.illuminance_klux=50") is another scene'
@@ -220,7 +220,7 @@ class Body(HintedAttributes):
         """Return what gives phase and level at times of a frame that begins at ``start_s``; None: rigid."""
         if self.gait is None or self.motion is None:
             return None
-        return Walk(self.gait, motion_in_frame(self.motion, start_s))
+        return GaitOnMotion(self.gait, motion_in_frame(self.motion, start_s))
 
     def posed(self, time_s: float, start_s: float) -> Body:
         """Return the body as its stride has it at a time of a frame that begins at ``start_s``; else unchanged."""

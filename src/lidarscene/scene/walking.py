@@ -169,7 +169,7 @@ class Gait:
 
 
 @dataclass(frozen=True, slots=True)
-class Walk:
+class GaitOnMotion:
     """A gait on a motion; alike if both are the same.
 
     Attributes:

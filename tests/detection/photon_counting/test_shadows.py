@@ -33,7 +33,7 @@ def test_light_between_two_places_of_an_echo(begin):
     ("earlier", "fired", "since"), [(0, (0.3, 0.0), 5.0), (1, (0.3, 0.2), 6.0), (2, (0.3, 0.2), 0.0)]
 )
 def test_fewer_spads_are_free_behind_light(earlier, fired, since):
-    """Of SPADs that light has fired those are missing that the sun would have left: exp(-lambda t) (T106)."""
+    """SPADs that light has fired, and that the sun would have left, are missing: exp(-lambda t) (T106)."""
     place, firings = np.full(1, 30.0), tuple(np.full(1, share) for share in fired)
     shadow = shadows.Shadow(place=place, sun=0.1, dead=10.0, firings=firings, places=(place - 5.0, place - 16.0))
     missing = fired[earlier] * math.exp(-0.1 * since) if earlier < 2 else 0.0
