@@ -50,7 +50,8 @@ def world_of_piece(
         boxes_m = clearance.around[:, :, :2]
         near = np.flatnonzero(((boxes_m[:, 1] >= low_m) & (boxes_m[:, 0] <= high_m)).all(axis=1))
         names = {clearance.bodies[index].name for index in near.tolist()}
-        others = (own for (*_, wave_m, _), own in _worlds.items() if own.scene_of is scene and wave_m == wavelength_m)
+        worlds = [*_worlds.items()]  # another thread may add one
+        others = (own for (*_, wave_m, _), own in worlds if own.scene_of is scene and wave_m == wavelength_m)
         bsdf_of_material = next((other.bsdf_of_material for other in others), None)
         centre_m = np.append(corner_m + 0.5 * scene.reach_m, pose_at(scene.ego).position_m[2])
         world = build_world(
