@@ -317,9 +317,8 @@ class Rises(Received):
     ) -> _RiseSearch:
         """State after a rise: the fields that both kinds of receiver update, and those that one of them ``changed``."""
         ops = self.ops
-        peak_w = ops.where(rise.exists, rise.top[0], 0.0)
-        if self.sensor.matches:
-            peak_w = peak_w * self.sensor.height_gain(timing.curvature(self, rise))
+        gain = self.sensor.height_gain(timing.curvature(self, rise))
+        peak_w = ops.where(rise.exists, gain * rise.top[0], 0.0)
         higher = peak_w > state.highest_w
         return _RiseSearch(
             highest=ops.where(higher, rise.peak, state.highest),

@@ -313,12 +313,12 @@ class MotionTable:
         def row(first: Lanes) -> list[Lanes]:
             return [number for four in range(_NUMBERS // 4) for number in ops.take_four(self.table, first + four)]
 
-        before, after = row(first), row(first + _NUMBERS // 4)
+        before, after, step_s = row(first), row(first + _NUMBERS // 4), 1.0 / self.rate_hz
         vx, vy, vz, wx, wy, wz, phase, level = _straight(before[7:15], after[7:15], share)
-        x, y, z = _curve(before[:3], after[:3], before[7:10], after[7:10], share, self.rate_hz)
+        x, y, z = cubic(before[:3], after[:3], before[7:10], after[7:10], share, step_s)
         q0, q1 = before[3:7], after[3:7]
         # A mix of two unit quaternions is not one; normalised, it is a rotation again.
-        qw, qx, qy, qz = _curve(q0, q1, _turning(q0, before[10:13]), _turning(q1, after[10:13]), share, self.rate_hz)
+        qw, qx, qy, qz = cubic(q0, q1, _turning(q0, before[10:13]), _turning(q1, after[10:13]), share, step_s)
         length = ops.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
         rate_hz, level_rate_hz = (
             (end - start) * self.rate_hz for start, end in zip(before[13:15], after[13:15], strict=True)
@@ -337,17 +337,26 @@ def _straight(before: Sequence[Lanes], after: Sequence[Lanes], share: Lanes) -> 
     return [start + share * (end - start) for start, end in zip(before, after, strict=True)]
 
 
-def _curve(
+def cubic(
     before: Sequence[Lanes],
     after: Sequence[Lanes],
     rate_before: Sequence[Lanes],
     rate_after: Sequence[Lanes],
     share: Lanes,
-    rate_hz: Lanes,
+    step_s: Lanes,
 ) -> list[Lanes]:
-    """Return numbers on cubic curves between two instants, whose rates [1/s] there are met too (Hermite)."""
+    """Numbers on cubic curves between two instants, whose values and rates [1/s] there they meet (Hermite).
+
+    Args:
+        before: values at the instant before
+        after: values at the instant after
+        rate_before: their rates at the instant before
+        rate_after: their rates at the instant after
+        share: of the step that has passed, 0 to 1
+        step_s: time from the one instant to the other
+    """
     # As a straight line and what bulges from it: single precision keeps what is small.
-    rest, step_s = 1.0 - share, 1.0 / rate_hz
+    rest = 1.0 - share
     bulge = share * rest
     return [
         start
@@ -429,7 +438,7 @@ def _swept_boxes(table: Numbers, carried_m: Numbers, step_s: Numbers) -> Numbers
 
 
 def _bulge(values: Numbers, rates: Numbers, step_s: Numbers) -> Numbers:
-    """Bound by which `_curve` leaves straight lines, (k, m), of (k, m, instants) values and rates [1/s], (m,) steps."""
+    """Bound by which `cubic` leaves straight lines, (k, m), of (k, m, instants) values and rates [1/s], (m,) steps."""
     straight, step_s = np.diff(values, axis=2), step_s[:, None]
     apart = np.abs(step_s * rates[..., :-1] - straight) + np.abs(step_s * rates[..., 1:] - straight)
     return np.asarray(4.0 / 27.0 * apart.max(axis=2))

@@ -489,7 +489,7 @@ def held_from_m_s(motion: Motion, first_s: float, last_s: float) -> float:
 
 
 _CARRIERS = "motion", "carrier", "path"
-"""Attributes of motions that follow from another one, which is there."""
+"""Names of the attribute in which a motion has another one that it follows."""
 
 
 def fastest_turn_rad_s(motion: Motion) -> float:

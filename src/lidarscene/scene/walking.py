@@ -20,6 +20,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..maths.arrays import Numbers
+from ..maths.motion_table import cubic
 from ..maths.trajectory import ALWAYS, GoingOn, HeldAtEnds, Motion, Repeated, Riding, States, clipped
 from .ride import Ride
 
@@ -191,8 +192,7 @@ def _curve(node_s: Numbers, value: Numbers, rate: Numbers, time_s: Numbers) -> N
     `scipy.interpolate` has this, too, but takes 0.4 s to import.
     """
     number = np.clip(np.searchsorted(node_s, time_s, side="right") - 1, 0, len(node_s) - 2)
-    since_s, step_s = time_s - node_s[number], node_s[number + 1] - node_s[number]
-    slope = (value[number + 1] - value[number]) / step_s
-    third = (rate[number] + rate[number + 1] - 2.0 * slope) / step_s
-    second, square = (slope - rate[number]) / step_s - third, since_s * since_s
-    return np.asarray(value[number] + rate[number] * since_s + second * square + third / step_s * (square * since_s))
+    step_s = node_s[number + 1] - node_s[number]
+    share = (time_s - node_s[number]) / step_s
+    (values,) = cubic([value[number]], [value[number + 1]], [rate[number]], [rate[number + 1]], share, step_s)
+    return np.asarray(values)
