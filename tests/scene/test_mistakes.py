@@ -199,8 +199,8 @@ def test_wall(given: str, named: str) -> None:
     ROAD line = [[0, 0, 0], [9, 0, 0], [3, 2, 0]]\nwidth_m = 8 | bend at 0, 0 m
     ROAD outline = [[0, 0, 0], [9, 9, 0], [9, 0, 0], [0, 9, 0]] | outline | cross itself
     [street]\nblock_m = [200, 100] | street.block_m | lowest and a highest | 200 and 100
-    [street]\nloop = true\nlength_m = 300 | length_m | loop | >= 443 m | 300
-    [street]\ncorners = "junctions" | street | corners | needs loop = true
+    [street]\nloop = true\nlength_m = 300 | scene.toml | length_m | loop | >= 443 m | 300
+    [street]\ncorners = "junctions" | scene.toml | street | corners | needs loop = true
     [street]\nloop = true\ncorners = "junctions"\nbend_radius_m = [20, 40] | bend_radius_m | corners = "junctions"
     [street]\nlane = 2 | 'street.lane'
     extends = "drove" | scene 'drove' | drive

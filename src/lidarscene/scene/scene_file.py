@@ -20,7 +20,7 @@ from typing import Annotated, Any, cast
 import numpy as np
 
 from .. import catalog
-from ..errors import InputError, OptionWarning, warn
+from ..errors import InputError, OptionWarning, placed, warn
 from ..files.arguments import CHECKED_INSIDE, checks_arguments
 from ..files.overrides import Overrides, assignments, change_error, key_path, with_overrides
 from ..files.toml import read_toml, validate
@@ -181,7 +181,10 @@ def scene_model(path: Path, *, overrides: Sequence[str] = (), option: str = "sce
         tables = extended(with_overrides(read_toml(path), early, option=option), path, scene_path)
         if "street" in tables:
             street = validate(SceneFile, tables, str(path), overrides=early, option=option).street
-            tables = with_street(tables, street) if street is not None else tables
+            try:
+                tables = with_street(tables, street) if street is not None else tables
+            except InputError as error:  # what only the whole layout shows
+                raise placed(str(path), error) from None
         tables = with_ego_mesh(tables, path.parent, str(path))
         others = [change for change in overrides if change not in early]
         tables = with_overrides(tables, others, option=option)
@@ -435,9 +438,9 @@ def _ground_bodies(
     laid = [_sheet(body, pose, flat) if body.on_ground else next(sheets) for _, pose in places]
     meshes = [sheet.mesh(body.kerb_m) for sheet in laid]
     if body.on_ground:
-        placed = [pose.apply(vertices_m)[:, :2] for (_, pose), (vertices_m, _) in zip(places, meshes, strict=True)]
-        ends = np.cumsum([len(place_m) for place_m in placed])
-        rises_m = np.split(_ground_below(ground, np.concatenate(placed), where), ends)[:-1]
+        plan_m = [pose.apply(vertices_m)[:, :2] for (_, pose), (vertices_m, _) in zip(places, meshes, strict=True)]
+        ends = np.cumsum([len(place_m) for place_m in plan_m])
+        rises_m = np.split(_ground_below(ground, np.concatenate(plan_m), where), ends)[:-1]
         for (vertices_m, _), rise_m in zip(meshes, rises_m, strict=True):
             vertices_m[:, 2] += rise_m
     bodies = []
