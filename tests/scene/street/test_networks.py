@@ -338,7 +338,9 @@ def test_no_two_bodies_share_a_face_that_a_beam_meets(
     if name == "over":
         pose = dataclasses.replace(pose, position_m=np.array([188.0, 198.4, 1.75]))
     if name == "drawn":
-        place_m, turned_deg = (np.array([at[key] for at in found["ego"]["poses"]]) for key in ("position_m", "yaw_deg"))
+        poses = found["ego"]["poses"]
+        place_m = np.array([at["position_m"] for at in poses])
+        turned_deg = np.array([at.get("yaw_deg", 0.0) for at in poses])
         # The first pose at which it turns to the left on its way around.
         number = int(np.argmax(np.diff(np.unwrap(turned_deg, period=360.0)) < -10.0))
         pose = dataclasses.replace(pose, position_m=place_m[number] + [0.0, 0.0, 1.75])
