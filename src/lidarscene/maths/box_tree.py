@@ -80,7 +80,7 @@ class BoxTree:
             places.append(places[-1][parent] + 1 + before - before[parent * CHILDREN])
         size = int(sizes[-1][0])
         order = np.argsort(np.concatenate(places))
-        low, high = np.concatenate(levels[::-1], axis=3)[..., order].transpose(1, 0, 3, 2)
+        low, high = np.take(np.concatenate(levels[::-1], axis=3), order, axis=3, mode="clip").transpose(1, 0, 3, 2)
         onward = np.arange(size) + np.concatenate(sizes[::-1])[order]
         onward = np.where(onward < size, size * np.arange(len(boxes))[:, None] + onward, 0)
         number = np.concatenate([np.full(size - len(numbers), -1), numbers])[order]

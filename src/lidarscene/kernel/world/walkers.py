@@ -198,10 +198,11 @@ def _neighbours_together(middle_m: Numbers) -> Numbers:
     """
     order, starts, counts = np.arange(len(middle_m)), np.array([0]), np.array([len(middle_m)])
     while (large := counts > TRIANGLES).any():
-        part, at_m = np.repeat(np.arange(len(counts)), counts), middle_m[order]
+        part, at_m = np.repeat(np.arange(len(counts), dtype=np.min_scalar_type(len(counts))), counts), middle_m[order]
         reach_m = np.maximum.reduceat(at_m, starts) - np.minimum.reduceat(at_m, starts)
         along_m = np.where(large[part], np.take_along_axis(at_m, reach_m.argmax(axis=1)[part, None], axis=1)[:, 0], 0.0)
-        order = order[np.lexsort((along_m, part))]
+        by_place = np.argsort(along_m, kind="stable")
+        order = order[by_place[np.argsort(part[by_place], kind="stable")]]
         full = np.full(len(counts), TRIANGLES)
         while (grows := full * CHILDREN < counts).any():
             full[grows] *= CHILDREN
@@ -238,4 +239,4 @@ def _leaf_boxes(standing: Numbers, stride: Numbers, corners: Numbers, levels: Se
 
 def _fours(rows: Numbers) -> Numbers:
     """Return (n, 3) rows as (4 n,) numbers, the last of each four unused: four neighbours are one load."""
-    return np.pad(rows, ((0, 0), (0, 1))).ravel()
+    return np.concatenate([rows, rows[:, :1]], axis=1).ravel()
