@@ -101,16 +101,6 @@ def bins_of_pixels(keys: Numbers, changes: Numbers) -> Iterator[tuple[Numbers, N
             yield chosen, squares
 
 
-def board(pixels: PixelsAtRest) -> Target:
-    """Boards that return as much as the pixels, and lean as they do."""
-    return Target(
-        reflectivity=pixels.apparent / pixels.cos_incidence,
-        cos_incidence=pixels.cos_incidence,
-        illuminance_klux=ASSUMED_KLUX,
-        transmittance=1.0,
-    )
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Boards:
     """Bins of pixels of like strength and lean, of which some are read again and again by a sensor.
@@ -128,7 +118,7 @@ class Boards:
     @classmethod
     def of(cls, pixels: PixelsAtRest, sensor: Sensor) -> Boards:
         """Sort pixels by octaves of the lean and of the height in thresholds."""
-        height = np.maximum(detection_margin(sensor, board(pixels), pixels.mean_m), 0.25)
+        height = np.maximum(detection_margin(sensor, pixels.board, pixels.mean_m), 0.25)
         lean = np.log2(np.maximum(pixels.lean_m, LEAST_LEAN_M))
         keys = np.stack([lean, np.log2(height)])
         members = [chosen for chosen, _ in bins_of_pixels(keys, changes_m(pixels.range_m))]
@@ -153,14 +143,14 @@ class Boards:
         """The same of a sensor, with the standard deviation of so few readings; NaN where it reads none."""
         drawn = self.pixels.select(np.concatenate(self.drawn))
         read = drawn.select(np.tile(np.arange(len(drawn.block)), READINGS))  # all at once takes half the time
-        light = replace(echoes_of_plane(sensor, board(read), read.mean_m), row_slope=read.row_slope)
+        light = replace(echoes_of_plane(sensor, read.board, read.mean_m), row_slope=read.row_slope)
         variance = fluctuation_variance(sensor, Target(), read.mean_m)
         # What chatters is lost at random, whatever its range: drawn, it would make the slopes of the scatter noisy.
         steady = replace(sensor, tdc=replace(sensor.tdc, chatter_hz=None))
         range_m = read_boards(steady, light, variance, 0)[0].reshape(READINGS, -1)
         off = np.random.default_rng(0).normal(size=range_m.shape)  # each pulse goes a way of its own
         range_m = range_m + off * pointing_noise_m(sensor, drawn.lean_m)
-        share = detection_probability(sensor, board(drawn), drawn.mean_m)
+        share = detection_probability(sensor, drawn.board, drawn.mean_m)
         members = np.split(np.arange(len(share)), np.cumsum([len(chosen) for chosen in self.drawn])[:-1])
         return Statistics.join(_of_bins(range_m, share, members, drawn.block))
 
@@ -371,13 +361,13 @@ def _converter(pixels: PixelsAtRest, text: str, where: str) -> Law:
     if STRONG in names and solved is not None:
         assert sensor.tdc.strong_above is not None
         light_times = math.exp(solved.value[names.index(LIGHT)]) if LIGHT in names else 1.0
-        margin = light_times * detection_margin(sensor, board(boards.pixels), boards.pixels.mean_m)
+        margin = light_times * detection_margin(sensor, boards.pixels.board, boards.pixels.mean_m)
         strongest = max(np.median(margin[members]) for members in boards.members)
         if strongest < sensor.tdc.strong_above:  # of weaker ones only what else scatters would be told
             reasons[STRONG] = f"no surface is strong: echoes reach {strongest:.3g} times the threshold"
     if DIVERGENCE in names and solved is not None:
         beam = {DIVERGENCE: math.exp(solved.value[names.index(DIVERGENCE)])}
-        light = echoes_of_plane(parse_sensor(_changed(text, beam), where), board(boards.pixels), boards.pixels.mean_m)
+        light = echoes_of_plane(parse_sensor(_changed(text, beam), where), boards.pixels.board, boards.pixels.mean_m)
         longest = max(np.median(np.asarray(light.broadening)[members]) for members in boards.members)
         if longest < LEAST_BROADENING:  # near by, what scatters for another reason would widen the beam
             reasons[DIVERGENCE] = f"no surface leans enough: echoes are {longest:.2g} times as long as the pulse"
@@ -480,6 +470,6 @@ def checks_at_rest(boards: Boards, sensor: Sensor) -> Iterator[Held]:
             unit="mm",
         )
     kept = np.isfinite(rest.range_m[1:]).mean(axis=0)
-    found_kept = detection_probability(sensor, board(rest), rest.mean_m)
+    found_kept = detection_probability(sensor, rest.board, rest.mean_m)
     for octave in kept_by_bin(kept, found_kept, rest.mean_m, OCTAVES_M, least=LEAST_OF_BIN):
         yield held_share("share kept at rest", *octave)
