@@ -19,7 +19,7 @@ from lidarscene.scene.street import layout as laid
 from lidarscene.scene.street import traffic as driven
 from lidarscene.scene.street.centre_line import ASIDE_M_S2, CentreLine, Profile, draw_profile
 from lidarscene.scene.street.pieces import box_places_m
-from lidarscene.scene.street.shapes import DISTRICTS, PARKED_SHARES, draw_vehicle, shapes, vehicle_length_m
+from lidarscene.scene.street.shapes import DISTRICTS, draw_vehicle, shapes, vehicle_length_m
 from lidarscene.scene.street.street_file import StreetFile
 from lidarscene.scene.street.street_tables import street_tables, write_scene
 
@@ -425,11 +425,11 @@ def test_a_thousand_vehicles_are_of_all_classes_by_their_shares_and_as_long_as_r
         if body["name"].startswith("parked")
     ]
     assert len(parked) > 2000
-    fits = {body.class_name for _, body in parked}
-    assert fits == set(PARKED_SHARES)
+    parked_shares = catalog.street_parts()["parked"]
+    assert {body.class_name for _, body in parked} == set(parked_shares)
     assert len({body.size_m for _, body in parked}) >= 35
     for shares, found in (
-        (PARKED_SHARES, Counter(body.class_name for _, body in parked)),
+        (parked_shares, Counter(body.class_name for _, body in parked)),
         (catalog.paint_shares(), Counter(shape.materials["paint"] for shape, _ in parked)),
     ):
         for name, share in shares.items():

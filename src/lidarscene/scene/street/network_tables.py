@@ -27,7 +27,6 @@ from .shapes import (
     PEOPLE,
     TREE_SCALES,
     District,
-    bodies_of,
     draw_district,
     moving_table,
     own_table,
@@ -37,6 +36,7 @@ from .shapes import (
 )
 from .street_file import StreetFile
 from .sumo import (
+    SUMO_CLASSES,
     LaneGroup,
     Network,
     RoadUser,
@@ -47,6 +47,7 @@ from .sumo import (
     read_network,
     read_scenario,
     simulate,
+    sumo_class,
 )
 from .terrain import PLACES_M, SOIL_BLUR_M, STOREY_M, Relief, Terrain
 
@@ -97,21 +98,6 @@ SLOPE_M = 2.0
 
 SLOWEST_M_S = 3.0
 """Choice: mean speed of the ego vehicle, waits included, that a simulation of drawn trips has time for."""
-
-FAMILIES = {
-    **dict.fromkeys(("delivery", "emergency"), ("van",)),
-    **dict.fromkeys(("bus", "coach"), ("bus",)),
-    **dict.fromkeys(("truck", "trailer"), ("truck",)),
-    **dict.fromkeys(("motorcycle", "moped"), ("motorcyclist",)),
-    **dict.fromkeys(("bicycle", "scooter"), ("cyclist",)),
-}
-"""SUMO's class of a vehicle -> classes of its bodies; those of all others on roads are cars."""
-
-BODILESS = ("tram", "rail_urban", "rail", "rail_electric", "rail_fast", "subway", "cable_car", "ship", "aircraft")
-"""SUMO's classes that have no body here."""
-
-SHARES = {"passenger": 0.76, "delivery": 0.09, "truck": 0.04, "bus": 0.02, "motorcycle": 0.03, "bicycle": 0.06}
-"""Choice: shares of SUMO's classes in drawn traffic."""
 
 ALIKE_M = 0.3
 """Choice: by how much a body may be farther from a vehicle's length than the nearest one."""
@@ -247,13 +233,19 @@ def _on_relief(network: Network, relief: Relief) -> Network:
     )
 
 
+def _bodies_of(kind: str) -> list[catalog.VehicleBody]:
+    """Bodies that vehicles of a class of SUMO may have."""
+    classes = sumo_class(kind)["bodies"]
+    return [body for body in catalog.vehicles().values() if body.class_name in classes]
+
+
 def _drawn_bodies() -> dict[str, tuple[str, float, float, float]]:
     """Bodies of drawn traffic: SUMO's class, length, width and share of the vehicles."""
     found = {}
-    for kind, share in SHARES.items():
-        bodies = bodies_of(FAMILIES.get(kind, ("car",)))
+    for kind, entry in SUMO_CLASSES.items():
+        bodies = _bodies_of(kind) if "share" in entry else ()
         for body in bodies:
-            found[body.name] = kind, body.size_m[0], body.size_m[1], share / len(bodies)
+            found[body.name] = kind, body.size_m[0], body.size_m[1], entry["share"] / len(bodies)
     return found
 
 
@@ -264,9 +256,7 @@ def _look(mover: RoadUser) -> str:
         return "walkers_wheelchair_user"
     if mover.kind == "pedestrian":
         return f"walkers_{PEOPLE[number % len(PEOPLE)]}"
-    apart_m = {
-        body.name: abs(body.size_m[0] - mover.length_m) for body in bodies_of(FAMILIES.get(mover.kind, ("car",)))
-    }
+    apart_m = {body.name: abs(body.size_m[0] - mover.length_m) for body in _bodies_of(mover.kind)}
     alike = [name for name, apart in apart_m.items() if apart <= min(apart_m.values()) + ALIKE_M]
     return f"traffic_{alike[number % len(alike)]}_{paint_at((number // 64) % 9973 / 9973)}"
 
@@ -289,12 +279,11 @@ def _motion(mover: RoadUser, relief: Relief, *, at_end: str, tilts: bool = True)
 
 def _moving(movers: Sequence[RoadUser], relief: Relief) -> list[Tables]:
     """Bodies of all that moves, but for the own car: an instance with a motion for each."""
-    lacking = sorted({mover.kind for mover in movers if mover.kind in BODILESS})
-    if lacking:
+    if lacking := sorted(kind for kind in {mover.kind for mover in movers} if not sumo_class(kind)["bodies"]):
         warn(OptionWarning("vehicles of {0} have no body and are left out", " and ".join(lacking)))
     looks: dict[str, list[RoadUser]] = {}
     for mover in movers:
-        if mover.kind not in BODILESS:
+        if mover.kind not in lacking:
             looks.setdefault(_look(mover), []).append(mover)
     return [
         moving_table(name, [_motion(mover, relief, at_end="hide") for mover in alike])
