@@ -71,7 +71,7 @@ FOLDED_SHARE = 0.05
 SHARPEST_TURN_DEG = 120.0
 """Choice: turn from one pose to the next beyond which another is put between them."""
 
-SUMO_CLASSES: Mapping[str, Mapping[str, Any]] = catalog.street_parts()["sumo"]
+CLASSES: Mapping[str, Mapping[str, Any]] = catalog.street_parts()["sumo"]
 """SUMO's class -> length, classes of bodies and share, by streets.toml."""
 
 DEFAULT_TYPES = {"DEFAULT_BIKETYPE": "bicycle", "DEFAULT_PEDTYPE": "pedestrian"}
@@ -149,9 +149,9 @@ class RoadUser:
     rows: list[Row] = field(default_factory=list)
 
 
-def sumo_class(kind: str) -> Mapping[str, Any]:
+def known_of(kind: str) -> Mapping[str, Any]:
     """What is known of a class of SUMO; of others what is known of cars."""
-    return {**SUMO_CLASSES["passenger"], **SUMO_CLASSES.get(kind, {})}
+    return {**CLASSES["passenger"], **CLASSES.get(kind, {})}
 
 
 def convert(map_file: Path, kind: Literal["opendrive", "osm"], folder: Path) -> Path:
@@ -477,11 +477,11 @@ def drawn_scenario(source: str, network: Path, routes: Path, *, seed: int, last_
 
 def _types(files: Sequence[Path]) -> dict[str, tuple[str, float]]:
     """Class and length of the types of vehicles that files of routes define."""
-    types = {name: (kind, sumo_class(kind)["length_m"]) for name, kind in DEFAULT_TYPES.items()}
+    types = {name: (kind, known_of(kind)["length_m"]) for name, kind in DEFAULT_TYPES.items()}
     for path in files:
         for element in _xml(path).iter("vType"):
             kind = element.get("vClass", "passenger")
-            length_m = float(element.get("length") or sumo_class(kind)["length_m"])
+            length_m = float(element.get("length") or known_of(kind)["length_m"])
             types[element.get("id", "")] = kind, length_m
     return types
 
@@ -560,7 +560,7 @@ def _placed(
     thing: ElementTree.Element, types: Mapping[str, tuple[str, float]]
 ) -> tuple[str, float, tuple[float, float, float, float]]:
     """Class and length of a vehicle or person, and x and y of its middle, yaw [degrees], and height of its front."""
-    kind, length_m = types.get(thing.get("type", ""), ("passenger", sumo_class("passenger")["length_m"]))
+    kind, length_m = types.get(thing.get("type", ""), ("passenger", known_of("passenger")["length_m"]))
     if thing.tag == "person":
         kind = "pedestrian"
     yaw_deg = 90.0 - float(thing.get("angle", 0.0))
