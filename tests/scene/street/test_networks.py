@@ -21,6 +21,7 @@ from lidarscene.errors import OptionWarning
 from lidarscene.maths.trajectory import pose_at
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.ground_area import Outline
+from lidarscene.scene.saving import write_scene
 from lidarscene.scene.scene import Body, Scene
 from lidarscene.scene.scene_file import load_scene, scene_model
 from lidarscene.scene.shared_faces import shared_faces
@@ -29,7 +30,7 @@ from lidarscene.scene.street.network_tables import _drawn_bodies, network_scene
 from lidarscene.scene.street.pieces import Tables
 from lidarscene.scene.street.shapes import body_table, shapes
 from lidarscene.scene.street.street_file import StreetFile
-from lidarscene.scene.street.street_tables import street_summary, write_scene
+from lidarscene.scene.street.street_tables import street_summary
 
 pytest.importorskip("sumo")
 pytest.importorskip("sumolib")

@@ -515,10 +515,16 @@ def _plant_bushes(layout: Layout, random: np.random.Generator) -> None:
     """Plant bushes where nothing else is beside the pavements."""
     reach_m = catalog.shipped_meshes()["bush"]["reach_m"]
     for side in (-1, 1):
-        for x_m in spaced(random, BUSH_SPACING_M, layout.begin_m, layout.end_m):
-            y_m, scale = side * (layout.front_m + random.uniform(*BUSH_ASIDE_M)), random.integers(len(TREE_SCALES))
+        for x_m, aside_m, name in drawn_bushes(random, layout.begin_m, layout.end_m):
+            y_m = side * (layout.front_m + aside_m)
             if layout.take(x_m, y_m, reach_m, reach_m):
-                layout.add(f"{BUSHES}_{scale}", x_m, y_m, random.uniform(0.0, 360.0))
+                layout.add(name, x_m, y_m, random.uniform(0.0, 360.0))
+
+
+def drawn_bushes(random: np.random.Generator, begin_m: float, end_m: float) -> Iterator[tuple[float, float, str]]:
+    """Yield places along a road for bushes, their distances from its edge, and the names of their bodies."""
+    for place_m in spaced(random, BUSH_SPACING_M, begin_m, end_m):
+        yield place_m, random.uniform(*BUSH_ASIDE_M), f"{BUSHES}_{random.integers(len(TREE_SCALES))}"
 
 
 def spaced(
