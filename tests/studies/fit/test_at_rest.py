@@ -27,7 +27,6 @@ from lidarscene.studies.fit.at_rest import (
     _energy,
     _estimates,
     _floor_and_noise,
-    board,
     checks_at_rest,
     fit_at_rest,
 )
@@ -83,7 +82,7 @@ def pixels(seed: int, *, number: int = 9000, frames: int = 4, steepest: float = 
 
 def read_by(sensor: Sensor, seen: PixelsAtRest, seed: int) -> PixelsAtRest:
     """Readings of a sensor, of the pixels that return in the first frame."""
-    light = echoes_of_plane(sensor, board(seen), seen.mean_m)
+    light = echoes_of_plane(sensor, seen.board, seen.mean_m)
     variance = fluctuation_variance(sensor, Target(), seen.mean_m)
     frames = [read_boards(sensor, light, variance, 100 * seed + frame) for frame in range(10, 10 + len(seen.range_m))]
     range_m, log_strength = np.moveaxis(np.stack(frames), 1, 0)
