@@ -22,9 +22,9 @@ from PIL import Image
 import lidarscene
 from lidarscene import PointCloud
 from lidarscene.cloud.deskew import deskewed
+from lidarscene.scene.saving import write_scene
 from lidarscene.scene.street.network_tables import network_scene
 from lidarscene.scene.street.street_file import StreetFile
-from lidarscene.scene.street.street_tables import write_scene
 from lidarscene.studies.compare.bench import Bench
 from lidarscene.studies.compare.comparison_study import compare_sensors
 

@@ -104,6 +104,12 @@ def paint_shares() -> dict[str, float]:
     return dict(_table("vehicles.toml")["paints"])
 
 
+@functools.cache
+def street_parts() -> dict[str, Any]:
+    """What stands and drives along streets that are made, by streets.toml; see there."""
+    return _table("streets.toml")
+
+
 def names(kind: str) -> list[str]:
     """Names of all entries of one kind, sorted."""
     return list(files(kind))

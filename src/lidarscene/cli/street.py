@@ -79,8 +79,9 @@ def run_street(arguments: argparse.Namespace) -> Answer:
     from ..files.overrides import key_path, with_overrides
     from ..files.toml import validate
     from ..scene.made_street import made_tables
+    from ..scene.saving import write_scene
     from ..scene.street.street_file import StreetFile
-    from ..scene.street.street_tables import street_summary, write_scene
+    from ..scene.street.street_tables import street_summary
 
     if arguments.output.suffix.lower() == ".toml":
         raise OptionError("{output} {0}: must be a folder, which gets street.toml, got a file's name", arguments.output)

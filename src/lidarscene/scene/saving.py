@@ -7,12 +7,14 @@ vertices keep all digits, and parts their order.
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import itertools
 import math
 import os
 import re
-from collections.abc import Iterator, Sequence
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +22,8 @@ from typing import Any
 
 from .. import catalog
 from ..errors import InputError
-from ..files.atomic import atomic_output
+from ..files.atomic import atomic_folder, atomic_output
+from ..files.overrides import toml_entry, toml_text
 from ..files.toml import validate
 from ..materials.material_file import catalogue_material, material_table
 from ..maths.trajectory import ALWAYS, Course, Motion, Riding
@@ -29,7 +32,6 @@ from .derived import Tables, with_absolute_paths
 from .meshes.mesh_cache import MIRRORS
 from .motion import EgoFile
 from .scene import Ball, Body, Part, Scene
-from .street.street_tables import scene_text
 from .tables import AirFile, BodyFile, LidarsFile, PictureFile, SceneFile, SkyFile, SunFile, WeatherFile
 
 
@@ -62,6 +64,51 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
         temporary.write_text(scene_text(tables), encoding="utf-8", newline="\n")
         for name, text in meshes.items():
             outputs.enter_context(atomic_output(target.parent / name)).write_text(text, encoding="utf-8", newline="\n")
+
+
+def write_scene(tables: Tables, folder: Path, *, origin: str) -> Path:
+    """Write tables as street.toml in ``folder``, with their meshes and motions beside it; return the scene's path.
+
+    Args:
+        origin: what the first line of the file says it was made of
+
+    Raises:
+        OutputError: if a result cannot be written
+    """
+    tables = copy.deepcopy(tables)
+    with atomic_folder(folder) as temporary:
+        for name in ("meshes", "motions"):
+            (temporary / name).mkdir()
+        for body in tables["bodies"]:
+            if "mesh" in body:
+                mesh = Path(body["mesh"])
+                shutil.copyfile(mesh, temporary / "meshes" / mesh.name)
+                body["mesh"] = f"meshes/{mesh.name}"
+        _write_motion(tables["ego"], temporary, "ego")
+        for body in tables["bodies"]:
+            for number, instance in enumerate(body.get("instances", ())):
+                if "motion" in instance:
+                    _write_motion(instance["motion"], temporary, f"{body['name']}_{number}")
+        text = f"# Made by lidarscene street: {origin}\n" + scene_text({"name": "street"} | tables)
+        (temporary / "street.toml").write_text(text, encoding="utf-8", newline="\n")
+    return folder / "street.toml"
+
+
+def scene_text(tables: Mapping[str, Any]) -> str:
+    """Write the tables of a scene file as TOML, each body in a table and each instance on a line of its own."""
+    lines = [toml_entry(key, value) for key, value in tables.items() if not isinstance(value, (dict, list))]
+    for key, table in tables.items():
+        if isinstance(table, dict):
+            lines += ["", f"[{key}]", *(toml_entry(name, value) for name, value in table.items())]
+    for key, rows in tables.items():
+        for row in rows if isinstance(rows, list) else ():
+            lines += ["", f"[[{key}]]"]
+            for name, value in row.items():
+                if name == "instances":
+                    lines += ["instances = [", *(f"    {toml_text(instance)}," for instance in value), "]"]
+                else:
+                    lines.append(toml_entry(name, value))
+    return "\n".join(lines) + "\n"
 
 
 def saved_tables(scene: Scene, target: Path, meshes: dict[str, str]) -> Tables:
@@ -236,3 +283,15 @@ def _follows_ground(body: Body) -> bool:
     return isinstance(table, BodyFile) and (
         table.on_ground or any(motion is not None and motion.ride is not None for motion in table.motions())
     )
+
+
+def _write_motion(motion: Tables, folder: Path, name: str) -> None:
+    """Replace the poses of a motion by a file with them."""
+    angles = [key for key in ("yaw_deg", "pitch_deg") if any(key in pose for pose in motion["poses"])] or ["yaw_deg"]
+    lines = [",".join(["time_s,x_m,y_m,z_m", *angles])]
+    for pose in motion.pop("poses"):
+        numbers = [pose["time_s"], *pose["position_m"], *(pose.get(key, 0.0) for key in angles)]
+        lines.append(",".join(map(repr, numbers)))
+    text = "\n".join(lines) + "\n"
+    (folder / "motions" / f"{name}.csv").write_text(text, encoding="utf-8", newline="\n")
+    motion["poses_file"] = f"motions/{name}.csv"

@@ -231,7 +231,7 @@ def test_people_walk_as_far_to_the_one_end_of_a_block_as_to_the_other() -> None:
     """Reference: half circles of the pavement's two ways, 2 m before both ends, at an even pace on each side."""
     layout = laid.lay_out(StreetFile(length_m=60.0, shown_m=1000.0, walking_spacing_m=(10.0, 20.0)))
     time_s = np.arange(0.0, 600.0, 0.5)
-    tracks = driven._walking_tracks(layout, time_s, np.zeros(len(time_s)), np.random.default_rng(1))
+    tracks = list(driven._walking_tracks(layout, time_s, np.random.default_rng(1)))
     turn_m = 2.0 - 0.5 * (layout.walk_m(1) - layout.walk_m(-1))
     with_people = 0
     for block in layout.blocks:
@@ -609,7 +609,7 @@ def test_people_cross_a_zebra_from_kerb_to_kerb_and_come_back() -> None:
     layout = laid.lay_out(StreetFile(length_m=500.0, loop=True))
     closing = driven._Closing(laid.Crossing(100.0, 2.0, is_zebra=True), 10.0, go_s=[5.0, 60.0])
     time_s = np.arange(0.0, 120.0, 0.1)
-    tracks = driven._crossing_tracks(layout, closing, time_s, np.full(len(time_s), 100.0), np.random.default_rng(1))
+    tracks = list(driven._crossing_tracks(layout, closing, time_s, np.random.default_rng(1)))
     assert 1 <= len(tracks) <= 3
     for track in tracks:
         wait_m = layout.kerb_m + 1.0

@@ -10,13 +10,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from ...errors import InputError
 from ...maths.arrays import Numbers
-from .polylines import runs
+from .polylines import integral, runs
 from .street_file import StreetFile
 
 NODE_M = 2.0
@@ -48,13 +48,12 @@ CURVE_SHARE = 0.3
 """Choice: share of a hill in which the slope grows, and in which it falls again: 8 % on 100 m have a radius of
 375 m."""
 
-_GAUSS = (0.5 - math.sqrt(0.15), 0.5, 0.5 + math.sqrt(0.15)), (5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0)
+_GAUSS = (0.5 - math.sqrt(0.15), 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.5 + math.sqrt(0.15), 5.0 / 18.0)
 
 Piece = tuple[float, float, float]
 """Length [m] and curvature at both ends [1/m], to the left positive."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class CentreLine:
     """The middle of a street.
 
@@ -62,40 +61,37 @@ class CentreLine:
         pieces: one after the other; the first and the last of an open line, which go on beyond its ends, are straight
         begin_m: s at the begin of the first
         is_loop: whether the last piece leads into the first
-        origin: x, y [m] and heading [rad] at s = 0
+        node_m: (k,) places between which the curvature is linear
     """
 
-    pieces: Sequence[Piece]
-    begin_m: float
-    is_loop: bool = False
-    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    node_m: Numbers = field(init=False)
-    _curvature: Numbers = field(init=False)
-    _heading: Numbers = field(init=False)
-    _place_m: Numbers = field(init=False)
-
-    def __post_init__(self) -> None:
-        """Compute curvature, heading and place at nodes."""
-        lengths, curvatures = [], [self.pieces[0][1]]
-        for length_m, first, last in self.pieces:
+    def __init__(
+        self,
+        pieces: Sequence[Piece],
+        begin_m: float,
+        *,
+        is_loop: bool = False,
+        origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> None:
+        """Compute curvature, heading and place at nodes, with x, y [m] and heading [rad] of the origin at s = 0."""
+        self.pieces, self.begin_m, self.is_loop = pieces, begin_m, is_loop
+        lengths, curvatures = [], [pieces[0][1]]
+        for length_m, first, last in pieces:
             count = max(1, math.ceil(length_m / NODE_M)) if first or last else 1
             lengths += [length_m / count] * count
             curvatures += [first + (last - first) * number / count for number in range(1, count + 1)]
-        step, curvature = np.array(lengths), np.array(curvatures)
-        object.__setattr__(self, "node_m", self.begin_m + np.concatenate([[0.0], np.cumsum(step)]))
-        object.__setattr__(self, "_curvature", curvature)
-        turned = 0.5 * step * (curvature[:-1] + curvature[1:])
-        object.__setattr__(self, "_heading", np.concatenate([[0.0], np.cumsum(turned)]))
-        object.__setattr__(self, "_place_m", np.zeros((len(curvature), 2)))
+        step = np.array(lengths)
+        self._curvature: Numbers = np.array(curvatures)
+        self.node_m: Numbers = begin_m + np.concatenate([[0.0], np.cumsum(step)])
+        turned = 0.5 * step * (self._curvature[:-1] + self._curvature[1:])
+        self._heading = np.concatenate([[0.0], np.cumsum(turned)])
         # Piece by piece from a place of 0, and then moved and turned to the origin.
-        ends = np.array([self._from_node(number, length) for number, length in enumerate(step)])
-        self._place_m[1:] = np.cumsum(ends[:, :2], axis=0)
+        ends_m = np.cumsum(self._from_node(np.arange(len(step)), step)[:, :2], axis=0)
+        self._place_m = np.concatenate([np.zeros((1, 2)), ends_m])
         x_m, y_m, yaw = self.at(np.zeros(1), np.zeros(1))[0]
-        turn = self.origin[2] - yaw
+        turn = origin[2] - yaw
         cos, sin = math.cos(turn), math.sin(turn)
-        moved = (self._place_m - [x_m, y_m]) @ np.array([[cos, sin], [-sin, cos]]) + self.origin[:2]
-        object.__setattr__(self, "_place_m", moved)
-        object.__setattr__(self, "_heading", self._heading + turn)
+        self._place_m = (self._place_m - [x_m, y_m]) @ np.array([[cos, sin], [-sin, cos]]) + origin[:2]
+        self._heading = self._heading + turn
 
     @property
     def length_m(self) -> float:
@@ -108,19 +104,16 @@ class CentreLine:
         bends = np.array([any(piece[1:]) for piece in self.pieces])
         return [(float(at_m[begin]), float(at_m[end])) for begin, end in runs(bends)]
 
-    def _from_node(self, number: Numbers | int, beyond_m: Numbers | float) -> Numbers:
-        """(..., 3) change of x, y and heading from nodes to places beyond them."""
-        number, beyond_m = np.minimum(number, len(self.node_m) - 2), np.asarray(beyond_m)
+    def _from_node(self, number: Numbers, beyond_m: Numbers) -> Numbers:
+        """(n, 3) change of x, y and heading from (n,) nodes to places beyond them."""
         step = self.node_m[number + 1] - self.node_m[number]
         curvature, rate = self._curvature[number], (self._curvature[number + 1] - self._curvature[number]) / step
-        shares, weights = _GAUSS
-        change = np.zeros((*beyond_m.shape, 3))
-        for share, weight in zip(shares, weights, strict=True):
+        change = np.zeros((len(beyond_m), 3))
+        for share, weight in _GAUSS:
             way_m = share * beyond_m
             heading = self._heading[number] + way_m * (curvature + 0.5 * rate * way_m)
-            change[..., 0] += weight * beyond_m * np.cos(heading)
-            change[..., 1] += weight * beyond_m * np.sin(heading)
-        change[..., 2] = beyond_m * (curvature + 0.5 * rate * beyond_m)
+            change[:, :2] += (weight * beyond_m * np.stack([np.cos(heading), np.sin(heading)])).T
+        change[:, 2] = beyond_m * (curvature + 0.5 * rate * beyond_m)
         return change
 
     def at(self, way_m: Numbers, left_m: Numbers) -> Numbers:
@@ -141,10 +134,11 @@ class CentreLine:
         """Curvature at (n,) places, to the left positive."""
         return np.interp(self.on_loop(way_m), self.node_m, self._curvature)
 
-    def sharpest_per_m(self, low_m: float, high_m: float) -> float:
-        """Largest curvature between two places, whatever its sign."""
+    def sharpest_per_m(self, low_m: float, high_m: float, left_m: float = 0.0) -> float:
+        """Largest curvature between two places, whatever its sign, of a line beside this: k / (1 - k y)."""
         way_m = np.append(np.arange(low_m, high_m, NODE_M), high_m)
-        return float(np.abs(self.curvature_per_m(way_m)).max())
+        curvature = self.curvature_per_m(way_m)
+        return float(np.abs(curvature / (1.0 - curvature * left_m)).max())
 
     def points_m(self, low_m: float, high_m: float, profile: Profile) -> Numbers:
         """(k, 3) points of the line between two places of one lap: straight segments between them are near it."""
@@ -199,11 +193,7 @@ class Profile:
 
     def height_m(self, way_m: Numbers) -> Numbers:
         """Height at (n,) places of the first lap."""
-        step_m = np.diff(self.node_m)
-        rise_m = np.concatenate([[0.0], np.cumsum(0.5 * step_m * (self.slope[:-1] + self.slope[1:]))])
-        number = np.clip(np.searchsorted(self.node_m, way_m, side="right") - 1, 0, len(step_m) - 1)
-        beyond_m = way_m - self.node_m[number]
-        return np.asarray(self.begin_m + rise_m[number] + 0.5 * beyond_m * (self.slope[number] + self.slope_at(way_m)))
+        return self.begin_m + integral(way_m, self.node_m, self.slope)
 
     def points_m(self) -> Numbers:
         """Places between which heights are nearly straight: none of a level street."""
@@ -258,10 +248,9 @@ def close(file: StreetFile, front_m: float, random: np.random.Generator, radius_
     Raises:
         InputError: if it is too short for a street of this width
     """
-    if file.length_m < LOOP_WIDTHS * front_m:
-        raise InputError(
-            f"street.length_m: a loop so wide must be >= {LOOP_WIDTHS * front_m:.0f} m long, got {file.length_m:g}"
-        )
+    least_m = math.ceil(LOOP_WIDTHS * front_m)
+    if file.length_m < least_m:
+        raise InputError(f"street.length_m: a loop so wide must be >= {least_m} m long, got {file.length_m:g}")
     # Sides of the L in its directions: along a, across b - q, back p, across q, back a - p, down b.
     aspect, along, across = random.uniform(0.8, 1.25), *random.uniform(0.42, 0.58, 2)
     sides = np.array([aspect, 1.0 - across, along * aspect, across, (1.0 - along) * aspect, 1.0])

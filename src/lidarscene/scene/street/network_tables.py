@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import zlib
+from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,18 +17,28 @@ from ...errors import OptionWarning, warn
 from ...maths.arrays import Numbers
 from ..ground import SPACING_M, Strip
 from ..ground_area import Outline
+from . import sumo
 from .islands import islands_between_m, kerbed_corner_m, ring_island_m
-from .layout import EAVES_M, KERB_M, POST_LINE_M, Room, spaced
-from .pieces import FOOT_M, PAINT_M, RAISED_M, Tables, box_places_m, ground, placed, rounded, sheet, soil, street_scene
+from .layout import EAVES_M, KERB_M, POST_LINE_M, Room, drawn_bushes, spaced
+from .pieces import (
+    FOOT_M,
+    PAINT_M,
+    RAISED_M,
+    Tables,
+    box_places_m,
+    ground,
+    placed,
+    rounded,
+    sheet,
+    soil,
+    street_scene,
+    timed_poses,
+)
 from .polylines import along, beside, on_line, poses_along, way_length_m, ways_m
 from .shapes import (
-    BUSH_ASIDE_M,
-    BUSH_SPACING_M,
-    BUSHES,
     PEOPLE,
     TREE_SCALES,
     District,
-    bodies_of,
     draw_district,
     moving_table,
     own_table,
@@ -36,18 +47,7 @@ from .shapes import (
     standing_table,
 )
 from .street_file import StreetFile
-from .sumo import (
-    LaneGroup,
-    Network,
-    RoadUser,
-    convert,
-    draw_routes,
-    draw_town,
-    drawn_scenario,
-    read_network,
-    read_scenario,
-    simulate,
-)
+from .sumo import LaneGroup, Network, RoadUser
 from .terrain import PLACES_M, SOIL_BLUR_M, STOREY_M, Relief, Terrain
 
 EDGE_M = 0.05
@@ -98,21 +98,6 @@ SLOPE_M = 2.0
 SLOWEST_M_S = 3.0
 """Choice: mean speed of the ego vehicle, waits included, that a simulation of drawn trips has time for."""
 
-FAMILIES = {
-    **dict.fromkeys(("delivery", "emergency"), ("van",)),
-    **dict.fromkeys(("bus", "coach"), ("bus",)),
-    **dict.fromkeys(("truck", "trailer"), ("truck",)),
-    **dict.fromkeys(("motorcycle", "moped"), ("motorcyclist",)),
-    **dict.fromkeys(("bicycle", "scooter"), ("cyclist",)),
-}
-"""SUMO's class of a vehicle -> classes of its bodies; those of all others on roads are cars."""
-
-BODILESS = ("tram", "rail_urban", "rail", "rail_electric", "rail_fast", "subway", "cable_car", "ship", "aircraft")
-"""SUMO's classes that have no body here."""
-
-SHARES = {"passenger": 0.76, "delivery": 0.09, "truck": 0.04, "bus": 0.02, "motorcycle": 0.03, "bicycle": 0.06}
-"""Choice: shares of SUMO's classes in drawn traffic."""
-
 ALIKE_M = 0.3
 """Choice: by how much a body may be farther from a vehicle's length than the nearest one."""
 
@@ -134,24 +119,25 @@ def network_scene(source: Path | int, kind: NetworkKind, file: StreetFile, *, eg
         folder = Path(name)
         if kind == "sumo":
             assert isinstance(source, Path)
-            scenario = read_scenario(source)
-            network = read_network(scenario.network)
+            scenario = sumo.read_scenario(source)
+            network = sumo.read_network(scenario.network)
         else:
             loop: Sequence[str] = ()
             if kind == "town":
                 assert isinstance(source, int)
                 low, high = (0.01 * percent for percent in file.slope_percent)
-                (net, loop), origin = draw_town(source, folder, seed=file.seed, slopes=(low, high)), f"town {source}"
+                origin = f"town {source}"
+                net, loop = sumo.draw_town(source, folder, seed=file.seed, slopes=(low, high))
             else:
                 assert isinstance(source, Path)
-                net, origin = convert(source, kind, folder), str(source)
-            network = read_network(net)
+                net, origin = sumo.convert(source, kind, folder), str(source)
+            network = sumo.read_network(net)
             gap_m = float(np.mean(file.oncoming_gap_m))
-            routes, ego, way_m = draw_routes(
+            routes, ego, way_m = sumo.draw_routes(
                 network, net, origin=origin, bodies=_drawn_bodies(), seed=file.seed, gap_m=gap_m, loop=loop
             )
-            scenario = drawn_scenario(origin, net, routes, seed=file.seed, last_s=60.0 + way_m / SLOWEST_M_S)
-        own, others = simulate(scenario, ego=ego, shown_m=file.shown_m, folder=folder)
+            scenario = sumo.drawn_scenario(origin, net, routes, seed=file.seed, last_s=60.0 + way_m / SLOWEST_M_S)
+        own, others = sumo.simulate(scenario, ego=ego, shown_m=file.shown_m, folder=folder)
     near = _near(network, own, file.shown_m + 50.0)
     # Junctions of converted networks are level, whatever the slope of the lanes that lead there.
     relief = Relief(np.concatenate(_places_on_lanes(near)))
@@ -247,13 +233,19 @@ def _on_relief(network: Network, relief: Relief) -> Network:
     )
 
 
+def _bodies_of(kind: str) -> list[catalog.VehicleBody]:
+    """Bodies that vehicles of a class of SUMO may have."""
+    classes = sumo.known_of(kind)["bodies"]
+    return [body for body in catalog.vehicles().values() if body.class_name in classes]
+
+
 def _drawn_bodies() -> dict[str, tuple[str, float, float, float]]:
     """Bodies of drawn traffic: SUMO's class, length, width and share of the vehicles."""
     found = {}
-    for kind, share in SHARES.items():
-        bodies = bodies_of(FAMILIES.get(kind, ("car",)))
+    for kind, entry in sumo.CLASSES.items():
+        bodies = _bodies_of(kind) if "share" in entry else ()
         for body in bodies:
-            found[body.name] = kind, body.size_m[0], body.size_m[1], share / len(bodies)
+            found[body.name] = kind, body.size_m[0], body.size_m[1], entry["share"] / len(bodies)
     return found
 
 
@@ -264,9 +256,7 @@ def _look(mover: RoadUser) -> str:
         return "walkers_wheelchair_user"
     if mover.kind == "pedestrian":
         return f"walkers_{PEOPLE[number % len(PEOPLE)]}"
-    apart_m = {
-        body.name: abs(body.size_m[0] - mover.length_m) for body in bodies_of(FAMILIES.get(mover.kind, ("car",)))
-    }
+    apart_m = {body.name: abs(body.size_m[0] - mover.length_m) for body in _bodies_of(mover.kind)}
     alike = [name for name, apart in apart_m.items() if apart <= min(apart_m.values()) + ALIKE_M]
     return f"traffic_{alike[number % len(alike)]}_{paint_at((number // 64) % 9973 / 9973)}"
 
@@ -280,26 +270,19 @@ def _motion(mover: RoadUser, relief: Relief, *, at_end: str, tilts: bool = True)
         ahead_m = 0.5 * SLOPE_M * np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
         rear_m, height_m, front_m = (relief.height_m(rows[:, 1:3] + k * ahead_m, rows[:, 4]) for k in (-1.0, 0.0, 1.0))
         pitch_deg = tilts * np.degrees(np.arctan2(front_m - rear_m, SLOPE_M))
-    poses = [
-        {"time_s": round(time_s, 3)} | placed(x_m, y_m, z_m, yaw_deg, pitch)
-        for (time_s, x_m, y_m, yaw_deg, _), z_m, pitch in zip(mover.rows, height_m.tolist(), pitch_deg, strict=True)
-    ]
+    poses = timed_poses(np.column_stack([rows[:, :3], height_m, rows[:, 3], pitch_deg]))
     return {"poses": poses, "at_end": at_end} | ({} if relief.is_level else {"storeys": True})
 
 
 def _moving(movers: Sequence[RoadUser], relief: Relief) -> list[Tables]:
     """Bodies of all that moves, but for the own car: an instance with a motion for each."""
-    lacking = sorted({mover.kind for mover in movers if mover.kind in BODILESS})
-    if lacking:
+    if lacking := sorted(kind for kind in {mover.kind for mover in movers} if not sumo.known_of(kind)["bodies"]):
         warn(OptionWarning("vehicles of {0} have no body and are left out", " and ".join(lacking)))
-    looks: dict[str, list[RoadUser]] = {}
+    motions: defaultdict[str, list[Tables]] = defaultdict(list)
     for mover in movers:
-        if mover.kind not in BODILESS:
-            looks.setdefault(_look(mover), []).append(mover)
-    return [
-        moving_table(name, [_motion(mover, relief, at_end="hide") for mover in alike])
-        for name, alike in sorted(looks.items(), key=lambda look: (shapes()[look[0]].mesh, look[0]))
-    ]
+        if mover.kind not in lacking:
+            motions[_look(mover)].append(_motion(mover, relief, at_end="hide"))
+    return [moving_table(name, motions[name]) for name in sorted(motions, key=lambda name: (shapes()[name].mesh, name))]
 
 
 def _strip(
@@ -331,9 +314,8 @@ def _grounds(network: Network, islands: Sequence[Island]) -> list[Tables]:
     raised = {"position_m": [0.0, 0.0, RAISED_M], "kerb_m": RAISED_M + FOOT_M}
     for number, group in enumerate(network.groups):
         if group.kind != "pavement":
-            material = "asphalt" if group.kind == "road" else "concrete"
-            name = f"road_{number}"
-            grounds.append(_strip(name, "road", material, group.line_m, group.width_m, kerb_m=FOOT_M, spacing_m=0.4))
+            of = f"road_{number}", "road", "asphalt" if group.kind == "road" else "concrete"
+            grounds.append(_strip(*of, group.line_m, group.width_m, kerb_m=FOOT_M, spacing_m=0.4))
             continue
         # The kerb is at the side of the road, to the left where traffic keeps to the right.
         width_m = group.width_m - KERB_M
@@ -397,7 +379,7 @@ def _markings(network: Network, relief: Relief, islands: Sequence[Island]) -> li
     """Lines at the edges of roads and between lanes, stop lines, and zebras at crossings; none below bridges."""
     keys: Tables = {"spacing_m": MARK_SPACING_M, "on_ground": True}
     markings = []
-    marks: dict[tuple[str, float, float], list[Tables]] = {}
+    marks: defaultdict[tuple[str, float, float], list[Tables]] = defaultdict(list)
     for number, group in enumerate(network.groups):
         length_m = way_length_m(group.line_m)
         if group.kind != "road" or length_m < DASHES_M:
@@ -415,11 +397,11 @@ def _markings(network: Network, relief: Relief, islands: Sequence[Island]) -> li
         way_m = np.arange(0.5 * DASHES_M, length_m - 0.5 * DASHES_M, DASHES_M)
         way_m = way_m[~relief.has_storey(on_line(group.line_m, way_m), above=True, beside_m=UNDER_M)]
         for border_m in np.cumsum(group.widths_m)[:-1].tolist():
-            dashes = poses_along(group.line_m, way_m, border_m - 0.5 * group.width_m, z_m=PAINT_M)
-            marks.setdefault(("dashes", DASH_M, LINE_M), []).extend(dashes)
+            left_m = border_m - 0.5 * group.width_m
+            marks["dashes", DASH_M, LINE_M] += poses_along(group.line_m, way_m, left_m, z_m=PAINT_M)
         if group.ends_at_lights:
-            stop = poses_along(group.line_m, np.array([length_m - 0.4]), z_m=PAINT_M)
-            marks.setdefault(("stop_lines", 0.3, round(group.width_m - 2.0 * ASIDE_M, 2)), []).extend(stop)
+            key = "stop_lines", 0.3, round(group.width_m - 2.0 * ASIDE_M, 2)
+            marks[key] += poses_along(group.line_m, np.array([length_m - 0.4]), z_m=PAINT_M)
     raised = [*network.corners, *(island_m for island_m, _ in islands)]
     pavements = [Outline(corner_m=corners_m, spacing_m=SPACING_M) for corners_m in raised]
     low_m, high_m = (
@@ -434,12 +416,13 @@ def _markings(network: Network, relief: Relief, islands: Sequence[Island]) -> li
             for places_m in [box_places_m((x_m, y_m, heading, 0.5 * STRIPE_M, 0.5 * stripe_m), MARK_SPACING_M)]
             for beside in [((low_m < places_m.max(axis=0)) & (high_m > places_m.min(axis=0))).all(axis=1)]
         ]
-        stripes = poses_along(shape_m, way_m[np.array(off_kerb, dtype=bool)], z_m=PAINT_M, turn_deg=90.0)
-        marks.setdefault(("zebras", stripe_m, STRIPE_M), []).extend(stripes)
-    for number, ((name, *size_m), places) in enumerate(marks.items()):
-        if places:
-            markings.append(sheet(f"{name}_{number}", "lane_marking", "lane_marking", size_m, places, **keys))
-    return markings
+        way_m = way_m[np.array(off_kerb, dtype=bool)]
+        marks["zebras", stripe_m, STRIPE_M] += poses_along(shape_m, way_m, z_m=PAINT_M, turn_deg=90.0)
+    return markings + [
+        sheet(f"{name}_{number}", "lane_marking", "lane_marking", size_m, places, **keys)
+        for number, ((name, *size_m), places) in enumerate(marks.items())
+        if places
+    ]
 
 
 def _surroundings(network: Network, file: StreetFile, relief: Relief, terrain: Terrain | None) -> list[Tables]:
@@ -457,7 +440,7 @@ def _surroundings(network: Network, file: StreetFile, relief: Relief, terrain: T
     for group in network.groups:
         for side in (-1.0, 1.0):
             roadside.bushes(group, side)
-    return [standing_table(name, places) for name, places in sorted(roadside.items.items())]
+    return [standing_table(name, places) for name, places in sorted(roadside.items.items()) if places]
 
 
 class _Roadside:
@@ -470,7 +453,7 @@ class _Roadside:
     def __init__(self, network: Network, file: StreetFile, terrain: Terrain | None) -> None:
         self.random = np.random.default_rng([file.seed, 5])
         self._terrain = terrain
-        self.items: dict[str, list[Tables]] = {}
+        self.items: defaultdict[str, list[Tables]] = defaultdict(list)
         self._file = file
         boxes = []
         for group in network.groups:
@@ -483,10 +466,6 @@ class _Roadside:
             boxes.append(np.array([[*0.5 * (low_m + high_m), 0.0, *0.5 * (high_m - low_m)]]))
         self._roads, self._room = Room(np.concatenate(boxes)), Room(np.concatenate(boxes))
 
-    def _add(self, name: str, *places: Tables) -> None:
-        for place in places:
-            self.items.setdefault(name, []).append(place)
-
     def lights(self, network: Network) -> None:
         """Place traffic lights where lanes end at them, to the right of these and of cycle paths beside them."""
         for group in network.groups:
@@ -495,7 +474,7 @@ class _Roadside:
                 aside_m = 0.5 * group.width_m + sum(each.width_m for each in beside) + POST_LINE_M
                 way_m = np.array([max(way_length_m(group.line_m) - 0.5, 0.0)])
                 self._room.take(np.hstack([along(group.line_m, way_m, -aside_m), [[0.2, 0.2]]]))
-                self._add("lights", *poses_along(group.line_m, way_m, -aside_m, turn_deg=180.0))
+                self.items["lights"] += poses_along(group.line_m, way_m, -aside_m, turn_deg=180.0)
 
     def parapets(self, group: LaneGroup, relief: Relief) -> None:
         """Place guard rails on both sides of a road where it passes over another."""
@@ -505,7 +484,7 @@ class _Roadside:
         way_m = way_m[relief.has_storey(on_line(group.line_m, way_m), above=False, beside_m=OVER_M)]
         for side in (-1.0, 1.0):
             left_m = side * (0.5 * group.width_m - 0.5 * ASIDE_M)
-            self._add("guard_rails", *poses_along(group.line_m, way_m, left_m, turn_deg=-90.0 * side))
+            self.items["guard_rails"] += poses_along(group.line_m, way_m, left_m, turn_deg=-90.0 * side)
 
     def rails(self, group: LaneGroup, side: float) -> None:
         """Place guard rails along one side of a fast road, where nothing else is."""
@@ -537,11 +516,10 @@ class _Roadside:
 
     def bushes(self, group: LaneGroup, side: float) -> None:
         """Plant bushes along one side of a road, where nothing else is."""
-        random, reach_m = self.random, catalog.shipped_meshes()["bush"]["reach_m"]
-        for way_m in spaced(random, BUSH_SPACING_M, 0.0, way_length_m(group.line_m)):
-            left_m = side * (0.5 * group.width_m + random.uniform(*BUSH_ASIDE_M))
-            name = f"{BUSHES}_{random.integers(len(TREE_SCALES))}"
-            self._place(name, group, (way_m, left_m), (reach_m, reach_m), random.uniform(0.0, 360.0))
+        reach_m = catalog.shipped_meshes()["bush"]["reach_m"]
+        for way_m, aside_m, name in drawn_bushes(self.random, 0.0, way_length_m(group.line_m)):
+            place_m = way_m, side * (0.5 * group.width_m + aside_m)
+            self._place(name, group, place_m, (reach_m, reach_m), self.random.uniform(0.0, 360.0))
 
     def _place(
         self, name: str, group: LaneGroup, place_m: tuple[float, float], half_m: tuple[float, float], turn_deg: float
@@ -557,5 +535,5 @@ class _Roadside:
             z_m = 0.0
             if self._terrain is not None and name.startswith("houses"):
                 z_m = self._terrain.lowest_m((x_m, y_m, heading, *half_m))
-            self._add(name, placed(x_m, y_m, z_m, math.degrees(heading) + turn_deg))
+            self.items[name].append(placed(x_m, y_m, z_m, math.degrees(heading) + turn_deg))
         return free

@@ -51,6 +51,11 @@ def placed(
     return pose | {name: angle_deg for name, angle_deg in angles.items() if angle_deg}
 
 
+def timed_poses(rows: Numbers) -> list[Tables]:
+    """Poses at times: rows of time [s], x, y, z [m], yaw and pitch [degrees]."""
+    return [{"time_s": round(time_s, 3)} | placed(*pose) for time_s, *pose in rows.tolist()]
+
+
 def rounded(points_m: Numbers, digits: int = 3) -> list[list[float]]:
     """Points to a millimetre or to fewer or more digits, as a file has them."""
     return [[round(number, digits) + 0.0 for number in point] for point in points_m.tolist()]

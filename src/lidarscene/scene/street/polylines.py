@@ -15,6 +15,15 @@ def ways_m(line_m: Numbers) -> Numbers:
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line_m[:, :2], axis=0).T))])
 
 
+def integral(at: Numbers, node: Numbers, value: Numbers) -> Numbers:
+    """Integral of straight lines between values at nodes, from the first of them to (n,) places."""
+    from scipy.integrate import cumulative_trapezoid
+
+    number = np.clip(np.searchsorted(node, at, side="right") - 1, 0, len(node) - 2)
+    beyond = 0.5 * (at - node[number]) * (value[number] + np.interp(at, node, value))
+    return np.asarray(cumulative_trapezoid(value, node, initial=0.0)[number] + beyond)
+
+
 def way_length_m(line_m: Numbers) -> float:
     """Length of a line in the plane."""
     return float(ways_m(line_m)[-1])

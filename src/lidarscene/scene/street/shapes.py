@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -16,12 +15,6 @@ from ... import catalog
 from .pieces import Tables
 
 PAINT = "car_paint_"
-
-PARKED_SHARES = {"car": 0.80, "van": 0.10, "truck": 0.03, "motorcycle": 0.04, "bicycle": 0.02, "trailer": 0.01}
-"""Choice: shares of classes among what is parked along a kerb."""
-
-TRAFFIC_SHARES = {"car": 0.76, "van": 0.10, "truck": 0.05, "bus": 0.03, "motorcyclist": 0.03, "cyclist": 0.03}
-"""Choice: shares of classes among what drives."""
 
 LANE_ROOM_M = 0.1
 """Choice: least width of a lane that a vehicle leaves free, where its ends swing out in a bend, too."""
@@ -35,21 +28,8 @@ BUSHES = "bushes"
 BUSH_SPACING_M, BUSH_ASIDE_M = (4.0, 20.0), (1.5, 6.0)
 """Choice: distance from bush to bush along a street, and of bushes from the edge of a pavement or road."""
 
-PEOPLE = (
-    "pedestrian",
-    "woman",
-    "child_7",
-    "man_tall",
-    "woman_bag",
-    "woman_old",
-    "man_rucksack",
-    "woman_pram",
-    "child_12",
-    "woman_short",
-    "man_old",
-    "child_4",
-)
-"""Choice: meshes of people, of which the ones on a street are one after the other."""
+PEOPLE: Sequence[str] = catalog.street_parts()["people"]
+"""Meshes of people, of which the ones on a street are one after the other."""
 
 WALKERS = (*PEOPLE, *PEOPLE[:-1], "wheelchair_user")
 """Choice: meshes of those who move all the time, likewise: one of 24 rolls in a wheelchair."""
@@ -59,65 +39,24 @@ FURNITURE = ("dustbin", "container", "cabinet", "power_pole")
 """What stands by the kerb besides lamps and signs."""
 
 
-@dataclass(frozen=True, slots=True)
-class District:
+class District(NamedTuple):
     """Look of a part of a town.
 
     Attributes:
         houses, walls: meshes and materials, of which each house draws one
+        trees: meshes, of which each tree draws one
         garden_m: from the pavement to the houses, besides the street's own setback
         border: mesh of what a garden has towards the pavement; "" for none
-        trees: meshes, of which each tree draws one
     """
 
     houses: Sequence[str]
     walls: Sequence[str]
-    garden_m: float
-    border: str
     trees: Sequence[str]
+    garden_m: float = 0.0
+    border: str = ""
 
 
-DISTRICTS = (
-    District(
-        ("house_canal", "house_gable", "house_shop", "house"),
-        ("brick", "sandstone", "plaster_red"),
-        0.0,
-        "",
-        ("birch",),
-    ),
-    District(
-        ("house_villa", "house_bungalow", "house_gable"),
-        ("plaster_white", "plaster_yellow", "brick_beige"),
-        5.0,
-        "hedge",
-        ("conifer", "birch", "tree"),
-    ),
-    District(
-        ("house_terrace", "house_terrace", "house_gable", "house_garages"),
-        ("brick", "brick_beige", "plaster_weathered"),
-        3.0,
-        "fence",
-        ("tree", "birch"),
-    ),
-    District(
-        ("house_flats", "house_tower", "house"),
-        ("concrete", "plaster_weathered", "plaster_green"),
-        3.0,
-        "",
-        ("poplar",),
-    ),
-    District(
-        ("house_mansard", "house_shop", "house"), ("sandstone", "plaster_white", "plaster_yellow"), 0.0, "", ("tree",)
-    ),
-    District(
-        ("house_office", "house_hall", "house_garages"),
-        ("concrete", "plaster_weathered", "brick"),
-        4.0,
-        "",
-        ("poplar",),
-    ),
-)
-"""Choice: old town, villas, terraces, estates of flats, a main street, and business."""
+DISTRICTS = tuple(District(**row) for row in catalog.street_parts()["districts"])
 
 MAIN_SHARE = 0.7
 """Choice: share of a street's blocks in its main district."""
@@ -232,17 +171,12 @@ def paint_at(number: float) -> str:
     return list(paints)[min(int(place), len(paints) - 1)].removeprefix(PAINT)
 
 
-def bodies_of(classes: Sequence[str]) -> list[catalog.VehicleBody]:
-    """Vehicles of some classes."""
-    return [body for body in catalog.vehicles().values() if body.class_name in classes]
-
-
 @functools.cache
 def _fleet(
     group: str, longest_m: float, widest_m: float, curvature_per_m: float, without: tuple[str, ...]
 ) -> tuple[list[str], Sequence[float]]:
     """Bodies that are no longer and no wider, and the sums of their shares up to each; those of a class are equal."""
-    shares = PARKED_SHARES if group == "parked" else TRAFFIC_SHARES
+    shares = catalog.street_parts()[group]
     fitting = [
         body
         for body in catalog.vehicles().values()

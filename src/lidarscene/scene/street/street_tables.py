@@ -6,26 +6,21 @@ beside it.
 
 from __future__ import annotations
 
-import copy
 import functools
 import math
-import shutil
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from ... import catalog
-from ...files.atomic import atomic_folder
-from ...files.overrides import toml_entry, toml_text
 from ...maths.arrays import Numbers
 from ..derived import merged
 from ..ground_area import Outline
 from .islands import kerbed_corner_m
 from .layout import CORNER_M, CROSS_HALF_M, CROSS_REACH_M, KERB_M, STOP_LINE_M, ZEBRA_M, Block, Layout, Place, lay_out
-from .pieces import FOOT_M, PAINT_M, RAISED_M, Tables, ground, placed, rounded, sheet, soil, street_scene
+from .pieces import FOOT_M, PAINT_M, RAISED_M, Tables, ground, placed, rounded, sheet, soil, street_scene, timed_poses
 from .shapes import PEOPLE, WALKERS, moving_table, own_table, shapes, standing_table
 from .street_file import StreetFile
 from .terrain import PLACES_M, SOIL_BLUR_M, Relief, Terrain
@@ -49,9 +44,6 @@ TILTED = ("parked", "hedges", "fences", "barriers")
 
 WET = {"asphalt": "asphalt_wet", "concrete": "concrete_wet"}
 """Material of the ground -> the same under a film of water."""
-
-STRIPS = {"road": ("road", "asphalt"), "pavement": ("pavement", "concrete"), "kerb": ("kerb", "concrete")}
-"""Kind of a strip of ground along a street -> class and material."""
 
 
 def with_street(tables: Mapping[str, Any], file: StreetFile) -> Tables:
@@ -80,34 +72,6 @@ def street_tables(file: StreetFile) -> Tables:
             *_moving(layout, traffic),
         ],
     )
-
-
-def write_scene(tables: Tables, folder: Path, *, origin: str) -> Path:
-    """Write tables as street.toml in ``folder``, with their meshes and motions beside it; return the scene's path.
-
-    Args:
-        origin: what the first line of the file says it was made of
-
-    Raises:
-        OutputError: if a result cannot be written
-    """
-    tables = copy.deepcopy(tables)
-    with atomic_folder(folder) as temporary:
-        for name in ("meshes", "motions"):
-            (temporary / name).mkdir()
-        for body in tables["bodies"]:
-            if "mesh" in body:
-                mesh = Path(body["mesh"])
-                shutil.copyfile(mesh, temporary / "meshes" / mesh.name)
-                body["mesh"] = f"meshes/{mesh.name}"
-        _write_motion(tables["ego"], temporary, "ego")
-        for body in tables["bodies"]:
-            for number, instance in enumerate(body.get("instances", ())):
-                if "motion" in instance:
-                    _write_motion(instance["motion"], temporary, f"{body['name']}_{number}")
-        text = f"# Made by lidarscene street: {origin}\n" + scene_text({"name": "street"} | tables)
-        (temporary / "street.toml").write_text(text, encoding="utf-8", newline="\n")
-    return folder / "street.toml"
 
 
 class StreetSummary(NamedTuple):
@@ -145,35 +109,6 @@ def street_summary(tables: Tables) -> StreetSummary:
     )
 
 
-def _write_motion(motion: Tables, folder: Path, name: str) -> None:
-    """Replace the poses of a motion by a file with them."""
-    angles = [key for key in ("yaw_deg", "pitch_deg") if any(key in pose for pose in motion["poses"])] or ["yaw_deg"]
-    lines = [",".join(["time_s,x_m,y_m,z_m", *angles])]
-    for pose in motion.pop("poses"):
-        numbers = [pose["time_s"], *pose["position_m"], *(pose.get(key, 0.0) for key in angles)]
-        lines.append(",".join(map(repr, numbers)))
-    text = "\n".join(lines) + "\n"
-    (folder / "motions" / f"{name}.csv").write_text(text, encoding="utf-8", newline="\n")
-    motion["poses_file"] = f"motions/{name}.csv"
-
-
-def scene_text(tables: Mapping[str, Any]) -> str:
-    """Write the tables of a scene file as TOML, each body in a table and each instance on a line of its own."""
-    lines = [toml_entry(key, value) for key, value in tables.items() if not isinstance(value, (dict, list))]
-    for key, table in tables.items():
-        if isinstance(table, dict):
-            lines += ["", f"[{key}]", *(toml_entry(name, value) for name, value in table.items())]
-    for key, rows in tables.items():
-        for row in rows if isinstance(rows, list) else ():
-            lines += ["", f"[[{key}]]"]
-            for name, value in row.items():
-                if name == "instances":
-                    lines += ["instances = [", *(f"    {toml_text(instance)}," for instance in value), "]"]
-                else:
-                    lines.append(toml_entry(name, value))
-    return "\n".join(lines) + "\n"
-
-
 def _along(layout: Layout, x_m: float, y_m: float, z_m: float = 0.0, yaw_deg: float = 0.0, *tilt_deg: float) -> Tables:
     """Pose at a place of the street, turned against it, with pitch and roll."""
     ((east_m, north_m, heading),) = layout.line.at(np.array([x_m]), np.array([y_m])).tolist()
@@ -193,13 +128,15 @@ def _places_on_roads(layout: Layout) -> Numbers:
 
 def _standing(layout: Layout, terrain: Terrain | None) -> list[Tables]:
     """Bodies of what stands along a street and those that cross it."""
-    things: dict[str, list[tuple[Layout, Place]]] = {}
-    for street in layout.streets:
-        for name, places in street.items.items():
-            things.setdefault(name, []).extend((street, place) for place in places)
+    places = (
+        (name, (street, place))
+        for street in layout.streets
+        for name, of_name in street.items.items()
+        for place in of_name
+    )
     return [
         standing_table(name, [_stood(street, terrain, name, place) for street, place in stands])
-        for name, stands in _by_shape(things).items()
+        for name, stands in _by_shape(places).items()
     ]
 
 
@@ -223,24 +160,21 @@ def _poses(layout: Layout, track: Track, *, tilts: bool = True) -> list[Tables]:
     states = np.stack([east_m, north_m, np.unwrap(yaw_deg, period=360.0), pitch_deg], axis=1)
     uneven = np.pad(np.abs(np.diff(states, 2, axis=0)).max(axis=1) > EVEN_STEP, 1, constant_values=True)
     kept = uneven | np.roll(uneven, 1) | np.roll(uneven, -1)
-    columns = (each[kept].tolist() for each in (track.time_s, east_m, north_m, yaw_deg, pitch_deg))
-    return [
-        {"time_s": round(time_s, 3)} | placed(x_m, y_m, 0.0, yaw, pitch)
-        for time_s, x_m, y_m, yaw, pitch in zip(*columns, strict=True)
-    ]
+    rows = np.stack([track.time_s, east_m, north_m, np.zeros(len(yaw_deg)), yaw_deg, pitch_deg], axis=1)
+    return timed_poses(rows[kept])
 
 
 Thing = TypeVar("Thing")
 
 
-def _by_shape(things: Mapping[str, Sequence[Thing]]) -> dict[str, list[Thing]]:
-    """Return things by the name of their body in `shapes`, in its order; people get one mesh after the other."""
-    shaped: dict[str, list[Thing]] = {}
-    for name, of_name in things.items():
-        for number, thing in enumerate(of_name):
-            shape = name if name in shapes() else f"{name}_{_person(number, thing)}"
-            shaped.setdefault(shape, []).append(thing)
-    return {name: shaped[name] for name in shapes() if name in shaped}
+def _by_shape(things: Iterable[tuple[str, Thing]]) -> dict[str, list[Thing]]:
+    """Return named things by the name of their body in `shapes`, in its order; people get one mesh after the other."""
+    shaped: dict[str, list[Thing]] = {name: [] for name in shapes()}
+    counts: Counter[str] = Counter()
+    for name, thing in things:
+        shaped[name if name in shaped else f"{name}_{_person(counts[name], thing)}"].append(thing)
+        counts[name] += 1
+    return {name: of_shape for name, of_shape in shaped.items() if of_shape}
 
 
 def _person(number: int, thing: object) -> str:
@@ -253,23 +187,21 @@ def _person(number: int, thing: object) -> str:
 
 def _moving(layout: Layout, traffic: Traffic) -> list[Tables]:
     """Bodies of all that moves, but for the own car: an instance with a motion for each."""
-    at_end, bodies = "repeat" if layout.file.loop else "hide", []
-    names = dict.fromkeys(sorted(track.name for track in traffic.others))
-    tracks = _by_shape({name: [track for track in traffic.others if track.name == name] for name in names})
-    for name, of_shape in tracks.items():
-        bodies.append(moving_table(name, [{"poses": _poses(layout, track), "at_end": at_end} for track in of_shape]))
-    return bodies
+    at_end = "repeat" if layout.file.loop else "hide"
+    return [
+        moving_table(name, [{"poses": _poses(layout, track), "at_end": at_end} for track in tracks])
+        for name, tracks in _by_shape((track.name, track) for track in traffic.others).items()
+    ]
 
 
 def _strip(
     layout: Layout, block: Block, number: int, kind: str, width_m: float, offset_m: float, **keys: Any
 ) -> Tables:
     """Ground along a block, to the left of its middle or around it."""
-    class_name, material = STRIPS[kind]
-    side = {1.0: "_left", -1.0: "_right"}.get(math.copysign(1.0, offset_m) if offset_m else 0.0, "")
+    side, material = ("", "_left", "_right")[int(np.sign(offset_m))], "asphalt" if kind == "road" else "concrete"
     points = layout.line.points_m(block.begin_m, block.end_m, layout.profile)
     sizes = {"line": rounded(points, 4), "width_m": round(width_m, 3), "offset_m": round(offset_m, 4)}
-    return ground(f"{kind}_{number}{side}", class_name, material, **sizes, **keys)
+    return ground(f"{kind}_{number}{side}", kind, material, **sizes, **keys)
 
 
 def _grounds(layout: Layout) -> list[Tables]:
@@ -362,15 +294,13 @@ def _markings(streets: Sequence[Layout], prefix: str = "") -> list[Tables]:
     """Dashes between lanes, zebras and stop lines of streets that are alike."""
     dashes, stripes, lines, width_m = [], [], [], 0.0
     for street in streets:
-        file, zebras = street.file, [crossing for crossing in street.crossings if crossing.is_zebra]
+        file = street.file
         width_m = file.lanes * file.lane_width_m - 0.3
         for block in street.blocks:
-            x_m = block.begin_m + 5.0
-            while x_m < block.end_m - 5.0:
-                if all(abs(x_m - zebra.x_m) > 0.5 * ZEBRA_M + STOP_LINE_M + 2.0 for zebra in zebras):
-                    y_m = [number * file.lane_width_m for number in range(1 - file.lanes, file.lanes)]
-                    dashes += [_along(street, x_m, y, PAINT_M) for y in y_m]
-                x_m += 6.0
+            for x_m in np.arange(block.begin_m + 5.0, block.end_m - 5.0, 6.0).tolist():
+                if not block.has_zebra(x_m, 0.5 * ZEBRA_M + STOP_LINE_M + 2.0):
+                    numbers = range(1 - file.lanes, file.lanes)
+                    dashes += [_along(street, x_m, number * file.lane_width_m, PAINT_M) for number in numbers]
         for crossing in street.crossings:
             if crossing.is_zebra:
                 across = range(-int(street.kerb_m - 0.5), int(street.kerb_m - 0.5) + 1)

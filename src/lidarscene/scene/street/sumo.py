@@ -24,6 +24,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from ... import catalog
 from ...errors import InputError, OptionWarning, warn
 from ...files.inputs import require_file
 from ...files.optional import import_optional
@@ -70,21 +71,8 @@ FOLDED_SHARE = 0.05
 SHARPEST_TURN_DEG = 120.0
 """Choice: turn from one pose to the next beyond which another is put between them."""
 
-LENGTHS_M = {
-    "passenger": 5.0,
-    "motorcycle": 2.2,
-    "moped": 2.1,
-    "bicycle": 1.6,
-    "truck": 7.1,
-    "trailer": 16.5,
-    "bus": 12.0,
-    "coach": 14.0,
-    "delivery": 6.5,
-    "emergency": 6.5,
-    "scooter": 1.2,
-    "pedestrian": 0.215,
-}
-"""Source: SUMO, vehicle type parameter defaults; length of a class, that of passenger for those that are not here."""
+CLASSES: Mapping[str, Mapping[str, Any]] = catalog.street_parts()["sumo"]
+"""SUMO's class -> length, classes of bodies and share, by streets.toml."""
 
 DEFAULT_TYPES = {"DEFAULT_BIKETYPE": "bicycle", "DEFAULT_PEDTYPE": "pedestrian"}
 """SUMO's own types of vehicles that are no cars -> their class."""
@@ -159,6 +147,11 @@ class RoadUser:
     kind: str
     length_m: float
     rows: list[Row] = field(default_factory=list)
+
+
+def known_of(kind: str) -> Mapping[str, Any]:
+    """What is known of a class of SUMO; of others what is known of cars."""
+    return {**CLASSES["passenger"], **CLASSES.get(kind, {})}
 
 
 def convert(map_file: Path, kind: Literal["opendrive", "osm"], folder: Path) -> Path:
@@ -288,12 +281,7 @@ def read_network(path: Path) -> Network:
     network = Network([], [], [], [], {}, [], rings, [])
     ends: dict[tuple[str, str], str] = {}
     walked: set[str] = set()
-    special = []
-    for edge in net.getEdges(withInternal=True):
-        if edge.getFunction() in ("crossing", "walkingarea"):
-            special.append(edge)
-        if edge.getFunction():
-            continue
+    for edge in net.getEdges(withInternal=False):
         begin, end = edge.getFromNode().getID(), edge.getToNode().getID()
         if (end, begin) in ends:
             network.opposite.append((ends[end, begin], edge.getID()))
@@ -309,7 +297,9 @@ def read_network(path: Path) -> Network:
         corners_m = _without_repeats(np.array(node.getShape3D() or np.zeros((0, 3))))
         if len(corners_m) > 2 and node.getType() not in ("internal", "dead_end"):
             network.junctions.append(corners_m)
-    for edge in special:
+    for edge in net.getEdges():
+        if edge.getFunction() not in ("crossing", "walkingarea"):
+            continue
         lane = edge.getLane(0)
         shape_m = _without_repeats(np.array(lane.getShape3D()))
         if edge.getFunction() == "crossing":
@@ -484,11 +474,11 @@ def drawn_scenario(source: str, network: Path, routes: Path, *, seed: int, last_
 
 def _types(files: Sequence[Path]) -> dict[str, tuple[str, float]]:
     """Class and length of the types of vehicles that files of routes define."""
-    types = {name: (kind, LENGTHS_M[kind]) for name, kind in DEFAULT_TYPES.items()}
+    types = {name: (kind, known_of(kind)["length_m"]) for name, kind in DEFAULT_TYPES.items()}
     for path in files:
         for element in _xml(path).iter("vType"):
             kind = element.get("vClass", "passenger")
-            length_m = float(element.get("length") or LENGTHS_M.get(kind, LENGTHS_M["passenger"]))
+            length_m = float(element.get("length") or known_of(kind)["length_m"])
             types[element.get("id", "")] = kind, length_m
     return types
 
@@ -567,7 +557,7 @@ def _placed(
     thing: ElementTree.Element, types: Mapping[str, tuple[str, float]]
 ) -> tuple[str, float, tuple[float, float, float, float]]:
     """Class and length of a vehicle or person, and x and y of its middle, yaw [degrees], and height of its front."""
-    kind, length_m = types.get(thing.get("type", ""), ("passenger", LENGTHS_M["passenger"]))
+    kind, length_m = types.get(thing.get("type", ""), ("passenger", known_of("passenger")["length_m"]))
     if thing.tag == "person":
         kind = "pedestrian"
     yaw_deg = 90.0 - float(thing.get("angle", 0.0))

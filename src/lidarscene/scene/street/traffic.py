@@ -10,13 +10,15 @@ is drawn (`tests/scene/street`).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from ...maths.arrays import Numbers
 from .layout import CAR_M, CROSS_LANE_M, QUEUE_M, Crossing, Layout
+from .polylines import integral
 from .shapes import LANE_ROOM_M, draw_vehicle, vehicle_length_m
 
 STEP_S = 0.1
@@ -50,8 +52,7 @@ CLEAR_S = 1.0
 """Choice: time for which a crossing must have been clear before others cross, and after which it opens again."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Track:
+class Track(NamedTuple):
     """Way of one that moves: times [s], and at these x, y [m] and yaw [degrees], along the street and against it.
 
     Attributes:
@@ -64,14 +65,14 @@ class Track:
     y_m: Numbers
     yaw_deg: Numbers
 
-    def at(self, rows: Numbers | slice) -> Track:
-        """The track at some of its times."""
-        return Track(self.name, self.time_s[rows], self.x_m[rows], self.y_m[rows], self.yaw_deg[rows])
+    def between(self, first: int, last: int) -> Track:
+        """The track from one of its times to another, with a pose every `POSE_STEPS` steps."""
+        rows = np.append(np.arange(first, last, POSE_STEPS), last)
+        return Track(self.name, *(np.broadcast_to(each, self.time_s.shape)[rows] for each in self[1:]))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Traffic:
-    """All that moves along a street; the ego vehicle's track is first."""
+class Traffic(NamedTuple):
+    """All that moves along a street."""
 
     ego: Track
     others: Sequence[Track]
@@ -206,8 +207,7 @@ def drive(layout: Layout) -> Traffic:
     lanes = _fill_lanes(layout, random)
     ego_lane, ego_index = lanes[0], file.ahead
     closings = _draw_closings(layout, random)
-    # All but the ego vehicle go on to the road's end; it stops where its way ends, and others behind it.
-    ends_m = [_end_of_road_m(layout, lane.direction) for lane in lanes]
+    # All but the ego vehicle go on to the road's end, the oncoming ones beyond all that is shown.
     steps, rested = 0, 0
     while rested < 20 and steps * STEP_S < 20.0 + way_m:
         for lane in lanes:
@@ -215,9 +215,9 @@ def drive(layout: Layout) -> Traffic:
         now_s = steps * STEP_S
         for closing in closings:
             closing.update(now_s, ego_lane, ego_index, lanes)
-        for lane, end_m in zip(lanes, ends_m, strict=True):
+        for lane in lanes:
             closed_m = [closing.lines_m(lane.direction)[0] for closing in closings if closing.is_closed]
-            lane.step(closed_m, end_m)
+            lane.step(closed_m, layout.end_m - 10.0 if lane.direction > 0 else 1e6)
         _stop_at_end(ego_lane, ego_index, way_m)
         steps += 1
         arrived = ego_lane.front_m[ego_index] > way_m - 5.0 and ego_lane.speed_m_s[ego_index] < 0.05
@@ -228,19 +228,14 @@ def drive(layout: Layout) -> Traffic:
     ego_x_m = np.array([front_m[ego_index] for front_m in ego_lane.history]) - 0.5 * CAR_M[0]
     if file.loop:  # to where it began, to the last millimetre
         ego_x_m *= way_m / ego_x_m[-1]
-    others: list[Track] = []
-    for lane in lanes:
-        others += _vehicle_tracks(layout, lane, time_s, ego_x_m, skip=ego_index if lane is ego_lane else None)
+    tracks = [track for lane in lanes for track in _vehicle_tracks(layout, lane, time_s)]
+    del tracks[ego_index]
     for closing in closings:
-        others += _crossing_tracks(layout, closing, time_s, ego_x_m, random)
-    others += _walking_tracks(layout, time_s, ego_x_m, random)
-    ego = Track("own_car", time_s, ego_x_m, np.full(len(time_s), layout.lane_m(0, 1)), np.zeros(len(time_s)))
-    return Traffic(ego=_thin(ego), others=others)
-
-
-def _end_of_road_m(layout: Layout, direction: int) -> float:
-    """Where a lane ends along its direction; that of the oncoming ones is beyond all that is shown."""
-    return layout.end_m - 10.0 if direction > 0 else 1e6
+        tracks += _crossing_tracks(layout, closing, time_s, random)
+    tracks += _walking_tracks(layout, time_s, random)
+    ego = Track("own_car", time_s, ego_x_m, layout.lane_m(0, 1), 0.0)
+    others = [_shown(layout, track, ego_x_m) for track in tracks]
+    return Traffic(ego.between(0, steps), [track for track in others if track is not None])
 
 
 def _stop_at_end(lane: _Lane, index: int, end_m: float) -> None:
@@ -265,7 +260,8 @@ def _fill_lanes(layout: Layout, random: np.random.Generator) -> list[_Lane]:
                 reach_m = 2.0 * file.shown_m if direction > 0 else 5.0 * file.length_m + 4.0 * file.shown_m
                 reach_m = file.length_m if file.loop else reach_m
                 gaps_m = random.uniform(*file.oncoming_gap_m, int(reach_m / np.mean(file.oncoming_gap_m)) + 1)
-            names = [_draw(layout, random, without=("cyclist",) if is_own else ()) for _ in gaps_m]
+            y_m, without = layout.lane_m(lane, direction), ("cyclist",) if is_own else ()
+            names = [_draw(layout, random, y_m, without=without) for _ in gaps_m]
             if is_own:
                 names[file.ahead] = "own_car"
             lengths_m = np.array([CAR_M[0] if name == "own_car" else vehicle_length_m(name) for name in names])
@@ -287,15 +283,20 @@ def _fill_lanes(layout: Layout, random: np.random.Generator) -> list[_Lane]:
 
 
 def _draw(
-    layout: Layout, random: np.random.Generator, *, longest_m: float = math.inf, without: tuple[str, ...] = ()
+    layout: Layout,
+    random: np.random.Generator,
+    y_m: float = 0.0,
+    *,
+    longest_m: float = math.inf,
+    without: tuple[str, ...] = (),
 ) -> str:
-    """Name of the body of a vehicle that keeps to its lane, bends included."""
+    """Name of the body of a vehicle that keeps to its lane at y, bends included."""
     return draw_vehicle(
         "traffic",
         *random.random(2),
         longest_m=longest_m,
         widest_m=layout.file.lane_width_m - LANE_ROOM_M,
-        curvature_per_m=layout.line.sharpest_per_m(layout.begin_m, layout.end_m),
+        curvature_per_m=layout.line.sharpest_per_m(layout.begin_m, layout.end_m, y_m),
         without=without,
     )
 
@@ -320,80 +321,58 @@ def _crossing_times(layout: Layout) -> tuple[float, float]:
     return start_m, float(np.sqrt(2.0 * way_m / ACCELERATION_M_S2)) + 0.5
 
 
-def _thin(track: Track) -> Track:
-    """Return a track with a pose every `POSE_STEPS` steps, its last one included."""
-    return track.at(np.unique(np.append(np.arange(0, len(track.time_s), POSE_STEPS), len(track.time_s) - 1)))
+def _shown(layout: Layout, track: Track, ego_x_m: Numbers) -> Track | None:
+    """Return the track while it is near the ego vehicle; None if it never is. Nothing hides on a loop."""
+    is_near = layout.file.loop | (np.abs(track.x_m - ego_x_m) <= layout.file.shown_m)
+    rows = np.flatnonzero(is_near)
+    return track.between(rows[0], rows[-1]) if len(rows) > 1 else None
 
 
-def _shown(layout: Layout, track: Track, ego_x_m: Numbers) -> list[Track]:
-    """Return the track while it is near the ego vehicle; none if it never is. Nothing hides on a loop."""
-    if layout.file.loop:
-        return [_thin(track)]
-    rows = np.flatnonzero(np.abs(track.x_m - ego_x_m) <= layout.file.shown_m)
-    if len(rows) < 2:
-        return []
-    return [_thin(track.at(slice(rows[0], rows[-1] + 1)))]
-
-
-def _vehicle_tracks(layout: Layout, lane: _Lane, time_s: Numbers, ego_x_m: Numbers, *, skip: int | None) -> list[Track]:
-    """Tracks of the vehicles of a lane, but for one."""
+def _vehicle_tracks(layout: Layout, lane: _Lane, time_s: Numbers) -> Iterator[Track]:
+    """Yield the tracks of the vehicles of a lane."""
     middle_m = lane.direction * (np.array(lane.history) - 0.5 * lane.lengths_m)
-    y_m = np.full(len(time_s), layout.lane_m(lane.lane, lane.direction))
-    yaw_deg = np.full(len(time_s), 0.0 if lane.direction > 0 else 180.0)
-    return [
-        track
-        for number, name in enumerate(lane.names)
-        if number != skip
-        for track in _shown(layout, Track(name, time_s, middle_m[:, number], y_m, yaw_deg), ego_x_m)
-    ]
+    for name, x_m in zip(lane.names, middle_m.T, strict=True):
+        yield Track(name, time_s, x_m, layout.lane_m(lane.lane, lane.direction), 90.0 - 90.0 * lane.direction)
 
 
 def _crossing_tracks(
-    layout: Layout, closing: _Closing, time_s: Numbers, ego_x_m: Numbers, random: np.random.Generator
-) -> list[Track]:
-    """Tracks of the vehicles or people who cross while a crossing is closed."""
+    layout: Layout, closing: _Closing, time_s: Numbers, random: np.random.Generator
+) -> Iterator[Track]:
+    """Yield the tracks of the vehicles or people who cross while a crossing is closed."""
     crossing = closing.crossing
     # Without a start, if the ego vehicle never came so far, they wait.
-    since_s = [np.maximum(time_s - go_s, 0.0) for go_s in closing.go_s or [np.inf]]
-    tracks: list[Track] = []
+    since_s = np.maximum(time_s - np.array(closing.go_s or [np.inf])[:, None], 0.0)
     if crossing.is_zebra:
-        people, half_m = int(random.integers(1, 4)), layout.kerb_m + 1.0
+        # Who comes across a street has room for a step, on a narrow pavement, too.
+        people, half_m = int(random.integers(1, 4)), layout.kerb_m + min(1.0, layout.file.pavement_m - 2.2)
         for number in range(people):
             side, speed_m_s = random.choice([-1.0, 1.0]), random.uniform(*WALK_M_S)
             # They come back when it closes again, and turn round for that once they are across.
-            walked_m = [np.minimum(speed_m_s * since, 2.0 * half_m) for since in since_s]
-            turned = [np.clip((since - 2.0 * half_m / speed_m_s) / TURN_S, 0.0, 1.0) for since in since_s]
-            back_m = np.mod(np.sum(walked_m, axis=0), 4.0 * half_m)
-            y_m = side * (np.abs(back_m - 2.0 * half_m) - half_m)
-            x_m = np.full(len(time_s), crossing.x_m + 1.2 * (number - 0.5 * (people - 1)))
-            yaw_deg = -90.0 * side + 180.0 * np.sum(turned, axis=0) * layout.file.loop
-            tracks += _shown(layout, Track("walkers", time_s, x_m, y_m, yaw_deg), ego_x_m)
-        return tracks
+            walked_m = np.minimum(speed_m_s * since_s, 2.0 * half_m).sum(axis=0)
+            turned = np.clip((since_s - 2.0 * half_m / speed_m_s) / TURN_S, 0.0, 1.0).sum(axis=0)
+            y_m = side * (np.abs(np.mod(walked_m, 4.0 * half_m) - 2.0 * half_m) - half_m)
+            x_m = crossing.x_m + 1.2 * (number - 0.5 * (people - 1))
+            yield Track("walkers", time_s, x_m, y_m, -90.0 * side + 180.0 * turned * layout.file.loop)
+        return
     start_m, _ = _crossing_times(layout)
     directions = [(-1.0,), (1.0,), (-1.0, 1.0)][random.integers(3)]
     for direction in directions:
         # Speeds up, drives on evenly, and brakes to stand at the end of the street that crosses.
-        way_m = _stop_and_go_m(since_s[0], start_m + 50.0)
-        y_m, x_m = direction * (way_m - start_m), np.full(len(time_s), crossing.x_m + direction * 0.5 * CROSS_LANE_M)
-        name = _draw(layout, random, longest_m=CAR_M[0])
-        tracks += _shown(layout, Track(name, time_s, x_m, y_m, np.full(len(time_s), 90.0 * direction)), ego_x_m)
-    return tracks
+        y_m = direction * (_stop_and_go_m(since_s[0], start_m + 50.0) - start_m)
+        name, x_m = _draw(layout, random, longest_m=CAR_M[0]), crossing.x_m + direction * 0.5 * CROSS_LANE_M
+        yield Track(name, time_s, x_m, y_m, 90.0 * direction)
 
 
 def _stop_and_go_m(since_s: Numbers, way_m: float) -> Numbers:
     """Way of a vehicle from rest to rest that speeds up to `CROSS_M_S` and brakes."""
     rise_s, fall_s = CROSS_M_S / ACCELERATION_M_S2, CROSS_M_S / BRAKING_M_S2
     even_s = (way_m - 0.5 * CROSS_M_S * (rise_s + fall_s)) / CROSS_M_S
-    end_s = rise_s + even_s + fall_s
-    left_s = np.clip(end_s - since_s, 0.0, None)
-    up_m = 0.5 * ACCELERATION_M_S2 * np.minimum(since_s, rise_s) ** 2
-    even_m = CROSS_M_S * np.clip(since_s - rise_s, 0.0, even_s)
-    return np.asarray(np.where(since_s <= rise_s + even_s, up_m + even_m, way_m - 0.5 * BRAKING_M_S2 * left_s**2))
+    node_s = np.cumsum([0.0, rise_s, even_s, fall_s])
+    return integral(np.minimum(since_s, node_s[-1]), node_s, np.array([0.0, CROSS_M_S, CROSS_M_S, 0.0]))
 
 
-def _walking_tracks(layout: Layout, time_s: Numbers, ego_x_m: Numbers, random: np.random.Generator) -> list[Track]:
-    """Tracks of people who walk up and down the pavements, round and round in each block, all at one speed there."""
-    tracks: list[Track] = []
+def _walking_tracks(layout: Layout, time_s: Numbers, random: np.random.Generator) -> Iterator[Track]:
+    """Yield tracks of people who walk round and round on the pavements of each block, all at one speed there."""
     for block in layout.blocks:
         for side in (-1, 1):
             speed_m_s = random.uniform(*WALK_M_S)
@@ -401,11 +380,8 @@ def _walking_tracks(layout: Layout, time_s: Numbers, ego_x_m: Numbers, random: n
             round_m = 2.0 * straight_m + np.pi * (layout.walk_m(1) - layout.walk_m(-1))
             places_m = np.cumsum(random.uniform(*layout.file.walking_spacing_m, int(round_m / 5.0)))
             for place_m in places_m[places_m < round_m - 2.0]:
-                way_m = np.mod(place_m + speed_m_s * time_s, round_m)
-                x_m, y_m, yaw_deg = _round_walk(layout, way_m, straight_m)
-                track = Track("walkers", time_s, block.begin_m + 2.0 + x_m, side * y_m, side * yaw_deg)
-                tracks += _shown(layout, track, ego_x_m)
-    return tracks
+                x_m, y_m, yaw_deg = _round_walk(layout, np.mod(place_m + speed_m_s * time_s, round_m), straight_m)
+                yield Track("walkers", time_s, block.begin_m + 2.0 + x_m, side * y_m, side * yaw_deg)
 
 
 def _round_walk(layout: Layout, way_m: Numbers, straight_m: float) -> tuple[Numbers, Numbers, Numbers]:

@@ -40,7 +40,7 @@ from .near_field import LEAST_BINS
 from .pixels_at_rest import PixelsAtRest
 from .published_fit import POWER
 from .scatter import is_strong
-from .sensor_text import at_rest_changes, get_key, parse_sensor, put_changes
+from .sensor_text import Changes, at_rest_changes, get_key, parse_sensor, put_changes
 from .tuning import (
     DITHER,
     EXCESS_SIGMAS,
@@ -213,7 +213,7 @@ def fit_at_rest(pixels: PixelsAtRest, text: str, where: str) -> FitAtRest:
     laws = {"strengths at rest": energy}
     if sensor.histogram is None:
         laws["floor at rest"] = _floor_and_noise(fitted)
-        laws["ranges at rest"] = _converter(fitted, _changed(text, known), where)
+        laws["ranges at rest"] = _converter(fitted, put_changes(text, _changes(known)), where)
     else:
         laws["ranges at rest"] = _columns(fitted, text, where)
     return FitAtRest(
@@ -235,8 +235,8 @@ def _exponential(index: int) -> Callable[[Numbers], float]:
     return lambda logs: math.exp(logs[index])
 
 
-def _changed(text: str, values: Mapping[str, float]) -> str:
-    return put_changes(text, at_rest_changes({key: (value, "") for key, value in values.items()}))
+def _changes(values: Mapping[str, float]) -> Changes:
+    return at_rest_changes({key: (value, "") for key, value in values.items()})
 
 
 def _energy(pixels: PixelsAtRest, sensor: Sensor) -> Law:
@@ -334,7 +334,7 @@ def _columns(pixels: PixelsAtRest, text: str, where: str) -> Law:
         return (), None, {COLUMNS: "SIGNAL is not recorded"}
     start = float(get_key(text, COLUMNS) or 4.0)
     try:
-        histogram = parse_sensor(put_changes(text, {COLUMNS: (start, "")}), where).histogram
+        histogram = parse_sensor(text, where, {COLUMNS: (start, "")}).histogram
     except InputError as error:
         return (), None, {COLUMNS: str(error)}
     assert histogram is not None
@@ -388,7 +388,7 @@ def _converter(pixels: PixelsAtRest, text: str, where: str) -> Law:
             reasons[STRONG] = f"no surface is strong: echoes reach {strongest:.3g} times the threshold"
     if DIVERGENCE in names and solved is not None:
         beam = {DIVERGENCE: math.exp(solved.value[names.index(DIVERGENCE)])}
-        light = echoes_of_plane(parse_sensor(_changed(text, beam), where), boards.pixels.board, boards.pixels.mean_m)
+        light = echoes_of_plane(parse_sensor(text, where, _changes(beam)), boards.pixels.board, boards.pixels.mean_m)
         longest = max(np.median(np.asarray(light.broadening)[members]) for members in boards.members)
         if longest < LEAST_BROADENING:  # near by, what scatters for another reason would widen the beam
             reasons[DIVERGENCE] = f"no surface leans enough: echoes are {longest:.2g} times as long as the pulse"
@@ -410,7 +410,7 @@ def _converter_law(boards: Boards, recorded: Statistics, keys: Sequence[str], te
         """Sensor whose beam may be wider than its field: the light that it then loses is that of LIGHT."""
         values = dict(zip(keys, np.exp(logs).tolist(), strict=True))
         light = given * values.pop(LIGHT)
-        sensor = parse_sensor(_changed(text, values), where)
+        sensor = parse_sensor(text, where, _changes(values))
         power_w = sensor.laser.peak_power_w * light / height_of(sensor)
         return replace(sensor, laser=replace(sensor.laser, peak_power_w=power_w))
 
