@@ -13,6 +13,7 @@ import matplotlib as mpl
 import nbformat
 import pytest
 from helpers.documentation import ROOT
+from helpers.in_this_process import draw_roughly
 from helpers.notebooks import run, written
 from helpers.twins import use_few_evaluations, use_few_trees
 
@@ -58,6 +59,7 @@ def kinds(notebook: dict[str, Any]) -> list[list[list[str]]]:
 def test_a_notebook_runs(mi, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     use_few_trees(monkeypatch)
     use_few_evaluations(monkeypatch)
+    draw_roughly(monkeypatch)
     mpl.use("agg")
     stored = json.loads(path.read_text(encoding="utf-8"))
     assert kinds(run(path, FEWER.get(path.stem))) == kinds(stored)

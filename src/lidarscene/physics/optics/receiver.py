@@ -148,4 +148,5 @@ def _share_with_blur(within: Callable[[Lanes], Lanes], field_rad: Lanes, blur_ra
     for t, square, light in zip(steps, squares, lights, strict=True):
         weight = (0.5 * math.pi / _RADII * math.sin(t) ** 2) * half * half / square
         total, missing = total + weight * light, missing - weight
-    return (total + missing * nearest) / (math.pi * blur * blur)
+    total = total + missing * nearest
+    return total / (math.pi * blur * blur)
