@@ -261,6 +261,17 @@ def test_strides_pass_as_the_way_does(motion: Motion) -> None:
     assert steps.sum() > 3.0
 
 
+def test_a_way_grows_by_what_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The strides of all times are those of each alone, in any order, from a few nodes at a time."""
+    time_s = np.linspace(100.0, 104.0, 161)
+    for motion in (spline(0.0, 1.0, 2.5, 4.0, 4.3), Repeated(motion=spline(0.0, 1.0, 2.5))):
+        whole = Gait(stride_m=1.4, speed_m_s=1.3).at(motion, time_s)
+        monkeypatch.setattr("lidarscene.scene.walking.NODES", 3)
+        gait, order = Gait(stride_m=1.4, speed_m_s=1.3), np.random.default_rng(5).permutation(len(time_s))
+        alone = np.concatenate([gait.at(motion, time_s[[number]]) for number in [0, 7, *order]])[2:]
+        np.testing.assert_array_equal(alone[np.argsort(order)], whole)
+
+
 @pytest.mark.parametrize("carrier", [Course(speed_m_s=1.1), HeldAtEnds(motion=spline(0.0, 1.0, 2.5, 4.0))])
 def test_a_carried_body_that_looks_back_has_its_strides_backwards(carrier: Motion) -> None:
     gait, time_s = Gait(stride_m=1.4, speed_m_s=1.3), np.linspace(100.0, 104.0, 17)

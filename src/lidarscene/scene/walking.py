@@ -176,14 +176,18 @@ class _Way:
         """(n,) strides at (n,) times in the motion's span."""
         first_s, last_s = self.motion.span_s
         steps = max(int(np.ceil((last_s - first_s) / NODE_S)), 1)
-        needed = int((float(time_s.max(initial=first_s)) - first_s) / (last_s - first_s) * steps) + 2
-        if needed > len(self.known[0]):
-            self._grow(np.linspace(first_s, last_s, steps + 1), needed)
-        return _curve(*self.known, time_s)
+        share = (float(time_s.max(initial=first_s)) - first_s) / (last_s - first_s)
+        needed = min(int(share * steps) + 2, steps + 1)
+        # Other threads ask, too: each goes by what it has seen.
+        known = self.known
+        if needed > len(known[0]):
+            known = self.known = self._grown(known, np.linspace(first_s, last_s, steps + 1), needed)
+        return _curve(*known, time_s)
 
-    def _grow(self, all_s: Numbers, needed: int) -> None:
-        # Other threads ask, too: they see what was known or what is.
-        known_s, strides, rate = self.known
+    def _grown(
+        self, known: tuple[Numbers, Numbers, Numbers], all_s: Numbers, needed: int
+    ) -> tuple[Numbers, Numbers, Numbers]:
+        known_s, strides, rate = known
         nodes_s = all_s[max(len(known_s) - 1, 0) : NODES * -(-needed // NODES)]
         rates, between = (
             self.gait._rate_hz(self.motion.at(times_s)) for times_s in (nodes_s, 0.5 * (nodes_s[1:] + nodes_s[:-1]))
@@ -192,7 +196,7 @@ class _Way:
         passed = np.diff(nodes_s) / 6.0 * (rates[:-1] + 4.0 * between + rates[1:])
         sums = np.cumsum(np.concatenate([strides[-1:], passed]))
         new = slice(1 if len(known_s) else 0, None)
-        self.known = (
+        return (
             np.concatenate([known_s, nodes_s[new]]),
             np.concatenate([strides, sums[1:]]),
             np.concatenate([rate, rates[new]]),

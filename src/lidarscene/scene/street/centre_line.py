@@ -79,8 +79,9 @@ class CentreLine:
             count = max(1, math.ceil(length_m / NODE_M)) if first or last else 1
             lengths += [length_m / count] * count
             curvatures += [first + (last - first) * number / count for number in range(1, count + 1)]
-        step, self._curvature = np.array(lengths), np.array(curvatures)
-        self.node_m = begin_m + np.concatenate([[0.0], np.cumsum(step)])
+        step = np.array(lengths)
+        self._curvature: Numbers = np.array(curvatures)
+        self.node_m: Numbers = begin_m + np.concatenate([[0.0], np.cumsum(step)])
         turned = 0.5 * step * (self._curvature[:-1] + self._curvature[1:])
         self._heading = np.concatenate([[0.0], np.cumsum(turned)])
         # Piece by piece from a place of 0, and then moved and turned to the origin.
@@ -133,10 +134,11 @@ class CentreLine:
         """Curvature at (n,) places, to the left positive."""
         return np.interp(self.on_loop(way_m), self.node_m, self._curvature)
 
-    def sharpest_per_m(self, low_m: float, high_m: float) -> float:
-        """Largest curvature between two places, whatever its sign."""
+    def sharpest_per_m(self, low_m: float, high_m: float, left_m: float = 0.0) -> float:
+        """Largest curvature between two places, whatever its sign, of a line beside this: k / (1 - k y)."""
         way_m = np.append(np.arange(low_m, high_m, NODE_M), high_m)
-        return float(np.abs(self.curvature_per_m(way_m)).max())
+        curvature = self.curvature_per_m(way_m)
+        return float(np.abs(curvature / (1.0 - curvature * left_m)).max())
 
     def points_m(self, low_m: float, high_m: float, profile: Profile) -> Numbers:
         """(k, 3) points of the line between two places of one lap: straight segments between them are near it."""
@@ -246,10 +248,9 @@ def close(file: StreetFile, front_m: float, random: np.random.Generator, radius_
     Raises:
         InputError: if it is too short for a street of this width
     """
-    if file.length_m < LOOP_WIDTHS * front_m:
-        raise InputError(
-            f"street.length_m: a loop so wide must be >= {LOOP_WIDTHS * front_m:.0f} m long, got {file.length_m:g}"
-        )
+    least_m = math.ceil(LOOP_WIDTHS * front_m)
+    if file.length_m < least_m:
+        raise InputError(f"street.length_m: a loop so wide must be >= {least_m} m long, got {file.length_m:g}")
     # Sides of the L in its directions: along a, across b - q, back p, across q, back a - p, down b.
     aspect, along, across = random.uniform(0.8, 1.25), *random.uniform(0.42, 0.58, 2)
     sides = np.array([aspect, 1.0 - across, along * aspect, across, (1.0 - along) * aspect, 1.0])

@@ -565,18 +565,20 @@ def _line_kerb(layout: Layout, block: Block, side: int, district: District, rand
     for x_m in line.places(FURNITURE_M, random):
         layout.add(f"{random.choice(FURNITURE)}s", x_m, side * (layout.kerb_m + FURNITURE_LINE_M), -90.0 * side)
     room_m = KERB_M + file.pavement_m - TREE_LINE_M
+    meshes = [(tree, catalog.shipped_meshes()[tree]) for tree in district.trees]
     trees = [
         f"trees_{tree}_{number}"
-        for tree in district.trees
+        for tree, mesh in meshes
         for number, scale in enumerate(TREE_SCALES)
-        if scale * catalog.shipped_meshes()[tree]["reach_m"] <= room_m
+        if scale * mesh["reach_m"] <= room_m and mesh.get("by_kerb", True)
     ]
     for x_m in line.places(file.tree_spacing_m, random):
         if trees:
             yaw_deg = random.uniform(0.0, 360.0)
             layout.add(random.choice(trees), x_m, side * (layout.kerb_m + TREE_LINE_M), yaw_deg)
     for x_m in line.places(file.standing_spacing_m, random):
-        y_m = side * (layout.kerb_m + random.uniform(0.7, 1.0))
+        # Who stands on a narrow pavement leaves room for those who walk there.
+        y_m = side * (layout.kerb_m + random.uniform(0.7, min(1.0, file.pavement_m - 1.9)))
         layout.add("pedestrians", x_m, y_m, random.uniform(0.0, 360.0))
 
 

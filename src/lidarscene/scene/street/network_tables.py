@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import zlib
+from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -277,14 +278,11 @@ def _moving(movers: Sequence[RoadUser], relief: Relief) -> list[Tables]:
     """Bodies of all that moves, but for the own car: an instance with a motion for each."""
     if lacking := sorted(kind for kind in {mover.kind for mover in movers} if not sumo.known_of(kind)["bodies"]):
         warn(OptionWarning("vehicles of {0} have no body and are left out", " and ".join(lacking)))
-    looks: dict[str, list[RoadUser]] = {}
+    motions: defaultdict[str, list[Tables]] = defaultdict(list)
     for mover in movers:
         if mover.kind not in lacking:
-            looks.setdefault(_look(mover), []).append(mover)
-    return [
-        moving_table(name, [_motion(mover, relief, at_end="hide") for mover in alike])
-        for name, alike in sorted(looks.items(), key=lambda look: (shapes()[look[0]].mesh, look[0]))
-    ]
+            motions[_look(mover)].append(_motion(mover, relief, at_end="hide"))
+    return [moving_table(name, motions[name]) for name in sorted(motions, key=lambda name: (shapes()[name].mesh, name))]
 
 
 def _strip(
@@ -316,9 +314,8 @@ def _grounds(network: Network, islands: Sequence[Island]) -> list[Tables]:
     raised = {"position_m": [0.0, 0.0, RAISED_M], "kerb_m": RAISED_M + FOOT_M}
     for number, group in enumerate(network.groups):
         if group.kind != "pavement":
-            material = "asphalt" if group.kind == "road" else "concrete"
-            name = f"road_{number}"
-            grounds.append(_strip(name, "road", material, group.line_m, group.width_m, kerb_m=FOOT_M, spacing_m=0.4))
+            of = f"road_{number}", "road", "asphalt" if group.kind == "road" else "concrete"
+            grounds.append(_strip(*of, group.line_m, group.width_m, kerb_m=FOOT_M, spacing_m=0.4))
             continue
         # The kerb is at the side of the road, to the left where traffic keeps to the right.
         width_m = group.width_m - KERB_M
@@ -382,7 +379,7 @@ def _markings(network: Network, relief: Relief, islands: Sequence[Island]) -> li
     """Lines at the edges of roads and between lanes, stop lines, and zebras at crossings; none below bridges."""
     keys: Tables = {"spacing_m": MARK_SPACING_M, "on_ground": True}
     markings = []
-    marks: dict[tuple[str, float, float], list[Tables]] = {}
+    marks: defaultdict[tuple[str, float, float], list[Tables]] = defaultdict(list)
     for number, group in enumerate(network.groups):
         length_m = way_length_m(group.line_m)
         if group.kind != "road" or length_m < DASHES_M:
@@ -400,11 +397,11 @@ def _markings(network: Network, relief: Relief, islands: Sequence[Island]) -> li
         way_m = np.arange(0.5 * DASHES_M, length_m - 0.5 * DASHES_M, DASHES_M)
         way_m = way_m[~relief.has_storey(on_line(group.line_m, way_m), above=True, beside_m=UNDER_M)]
         for border_m in np.cumsum(group.widths_m)[:-1].tolist():
-            dashes = poses_along(group.line_m, way_m, border_m - 0.5 * group.width_m, z_m=PAINT_M)
-            marks.setdefault(("dashes", DASH_M, LINE_M), []).extend(dashes)
+            left_m = border_m - 0.5 * group.width_m
+            marks["dashes", DASH_M, LINE_M] += poses_along(group.line_m, way_m, left_m, z_m=PAINT_M)
         if group.ends_at_lights:
-            stop = poses_along(group.line_m, np.array([length_m - 0.4]), z_m=PAINT_M)
-            marks.setdefault(("stop_lines", 0.3, round(group.width_m - 2.0 * ASIDE_M, 2)), []).extend(stop)
+            key = "stop_lines", 0.3, round(group.width_m - 2.0 * ASIDE_M, 2)
+            marks[key] += poses_along(group.line_m, np.array([length_m - 0.4]), z_m=PAINT_M)
     raised = [*network.corners, *(island_m for island_m, _ in islands)]
     pavements = [Outline(corner_m=corners_m, spacing_m=SPACING_M) for corners_m in raised]
     low_m, high_m = (
@@ -419,12 +416,13 @@ def _markings(network: Network, relief: Relief, islands: Sequence[Island]) -> li
             for places_m in [box_places_m((x_m, y_m, heading, 0.5 * STRIPE_M, 0.5 * stripe_m), MARK_SPACING_M)]
             for beside in [((low_m < places_m.max(axis=0)) & (high_m > places_m.min(axis=0))).all(axis=1)]
         ]
-        stripes = poses_along(shape_m, way_m[np.array(off_kerb, dtype=bool)], z_m=PAINT_M, turn_deg=90.0)
-        marks.setdefault(("zebras", stripe_m, STRIPE_M), []).extend(stripes)
-    for number, ((name, *size_m), places) in enumerate(marks.items()):
-        if places:
-            markings.append(sheet(f"{name}_{number}", "lane_marking", "lane_marking", size_m, places, **keys))
-    return markings
+        way_m = way_m[np.array(off_kerb, dtype=bool)]
+        marks["zebras", stripe_m, STRIPE_M] += poses_along(shape_m, way_m, z_m=PAINT_M, turn_deg=90.0)
+    return markings + [
+        sheet(f"{name}_{number}", "lane_marking", "lane_marking", size_m, places, **keys)
+        for number, ((name, *size_m), places) in enumerate(marks.items())
+        if places
+    ]
 
 
 def _surroundings(network: Network, file: StreetFile, relief: Relief, terrain: Terrain | None) -> list[Tables]:
@@ -442,7 +440,7 @@ def _surroundings(network: Network, file: StreetFile, relief: Relief, terrain: T
     for group in network.groups:
         for side in (-1.0, 1.0):
             roadside.bushes(group, side)
-    return [standing_table(name, places) for name, places in sorted(roadside.items.items())]
+    return [standing_table(name, places) for name, places in sorted(roadside.items.items()) if places]
 
 
 class _Roadside:
@@ -455,7 +453,7 @@ class _Roadside:
     def __init__(self, network: Network, file: StreetFile, terrain: Terrain | None) -> None:
         self.random = np.random.default_rng([file.seed, 5])
         self._terrain = terrain
-        self.items: dict[str, list[Tables]] = {}
+        self.items: defaultdict[str, list[Tables]] = defaultdict(list)
         self._file = file
         boxes = []
         for group in network.groups:
@@ -468,10 +466,6 @@ class _Roadside:
             boxes.append(np.array([[*0.5 * (low_m + high_m), 0.0, *0.5 * (high_m - low_m)]]))
         self._roads, self._room = Room(np.concatenate(boxes)), Room(np.concatenate(boxes))
 
-    def _add(self, name: str, *places: Tables) -> None:
-        for place in places:
-            self.items.setdefault(name, []).append(place)
-
     def lights(self, network: Network) -> None:
         """Place traffic lights where lanes end at them, to the right of these and of cycle paths beside them."""
         for group in network.groups:
@@ -480,7 +474,7 @@ class _Roadside:
                 aside_m = 0.5 * group.width_m + sum(each.width_m for each in beside) + POST_LINE_M
                 way_m = np.array([max(way_length_m(group.line_m) - 0.5, 0.0)])
                 self._room.take(np.hstack([along(group.line_m, way_m, -aside_m), [[0.2, 0.2]]]))
-                self._add("lights", *poses_along(group.line_m, way_m, -aside_m, turn_deg=180.0))
+                self.items["lights"] += poses_along(group.line_m, way_m, -aside_m, turn_deg=180.0)
 
     def parapets(self, group: LaneGroup, relief: Relief) -> None:
         """Place guard rails on both sides of a road where it passes over another."""
@@ -490,7 +484,7 @@ class _Roadside:
         way_m = way_m[relief.has_storey(on_line(group.line_m, way_m), above=False, beside_m=OVER_M)]
         for side in (-1.0, 1.0):
             left_m = side * (0.5 * group.width_m - 0.5 * ASIDE_M)
-            self._add("guard_rails", *poses_along(group.line_m, way_m, left_m, turn_deg=-90.0 * side))
+            self.items["guard_rails"] += poses_along(group.line_m, way_m, left_m, turn_deg=-90.0 * side)
 
     def rails(self, group: LaneGroup, side: float) -> None:
         """Place guard rails along one side of a fast road, where nothing else is."""
@@ -541,5 +535,5 @@ class _Roadside:
             z_m = 0.0
             if self._terrain is not None and name.startswith("houses"):
                 z_m = self._terrain.lowest_m((x_m, y_m, heading, *half_m))
-            self._add(name, placed(x_m, y_m, z_m, math.degrees(heading) + turn_deg))
+            self.items[name].append(placed(x_m, y_m, z_m, math.degrees(heading) + turn_deg))
         return free

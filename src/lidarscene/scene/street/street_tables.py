@@ -45,9 +45,6 @@ TILTED = ("parked", "hedges", "fences", "barriers")
 WET = {"asphalt": "asphalt_wet", "concrete": "concrete_wet"}
 """Material of the ground -> the same under a film of water."""
 
-STRIPS = {"road": ("road", "asphalt"), "pavement": ("pavement", "concrete"), "kerb": ("kerb", "concrete")}
-"""Kind of a strip of ground along a street -> class and material."""
-
 
 def with_street(tables: Mapping[str, Any], file: StreetFile) -> Tables:
     """Return the tables of a scene file with those of its street below them: what the file says itself stays."""
@@ -201,11 +198,10 @@ def _strip(
     layout: Layout, block: Block, number: int, kind: str, width_m: float, offset_m: float, **keys: Any
 ) -> Tables:
     """Ground along a block, to the left of its middle or around it."""
-    class_name, material = STRIPS[kind]
-    side = {1.0: "_left", -1.0: "_right"}.get(math.copysign(1.0, offset_m) if offset_m else 0.0, "")
+    side, material = ("", "_left", "_right")[int(np.sign(offset_m))], "asphalt" if kind == "road" else "concrete"
     points = layout.line.points_m(block.begin_m, block.end_m, layout.profile)
     sizes = {"line": rounded(points, 4), "width_m": round(width_m, 3), "offset_m": round(offset_m, 4)}
-    return ground(f"{kind}_{number}{side}", class_name, material, **sizes, **keys)
+    return ground(f"{kind}_{number}{side}", kind, material, **sizes, **keys)
 
 
 def _grounds(layout: Layout) -> list[Tables]:

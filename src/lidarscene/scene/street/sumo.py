@@ -281,12 +281,7 @@ def read_network(path: Path) -> Network:
     network = Network([], [], [], [], {}, [], rings, [])
     ends: dict[tuple[str, str], str] = {}
     walked: set[str] = set()
-    special = []
-    for edge in net.getEdges(withInternal=True):
-        if edge.getFunction() in ("crossing", "walkingarea"):
-            special.append(edge)
-        if edge.getFunction():
-            continue
+    for edge in net.getEdges(withInternal=False):
         begin, end = edge.getFromNode().getID(), edge.getToNode().getID()
         if (end, begin) in ends:
             network.opposite.append((ends[end, begin], edge.getID()))
@@ -302,7 +297,9 @@ def read_network(path: Path) -> Network:
         corners_m = _without_repeats(np.array(node.getShape3D() or np.zeros((0, 3))))
         if len(corners_m) > 2 and node.getType() not in ("internal", "dead_end"):
             network.junctions.append(corners_m)
-    for edge in special:
+    for edge in net.getEdges():
+        if edge.getFunction() not in ("crossing", "walkingarea"):
+            continue
         lane = edge.getLane(0)
         shape_m = _without_repeats(np.array(lane.getShape3D()))
         if edge.getFunction() == "crossing":

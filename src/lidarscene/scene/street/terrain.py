@@ -159,25 +159,20 @@ def _stretched(nodes_m: Numbers, held: Numbers, is_soil: Numbers) -> Numbers:
         is_soil: (nx, ny) nodes that there are
     """
     from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import laplacian
     from scipy.sparse.linalg import spsolve
 
-    free = np.pad(is_soil & ~held, 1)
-    number = np.full(free.shape, -1)
-    number[free] = np.arange(free.sum())
-    there, heights_m = np.pad(is_soil, 1), np.pad(nodes_m, 1)
-    rows, columns, values, right = [], [], [], np.zeros(free.sum())
-    for axis in (0, 1):
-        for step in (-1, 1):
-            beside, soil, height_m = (np.roll(each, -step, axis)[free] for each in (number, there, heights_m))
-            here = np.arange(len(right))
-            is_free = beside >= 0
-            rows += [here[soil], here[is_free]]
-            columns += [here[soil], beside[is_free]]
-            values += [np.ones(soil.sum()), np.full(is_free.sum(), -1.0)]
-            right += np.where(soil & ~is_free, height_m, 0.0)
-    if not len(right):
+    free, heights_m = ~held[is_soil], nodes_m[is_soil]
+    if not free.any():
         return nodes_m
-    entries = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
-    matrix = coo_matrix(entries, shape=(len(right), len(right))).tocsc()
-    nodes_m[free[1:-1, 1:-1]] = spsolve(matrix, right, permc_spec="MMD_AT_PLUS_A")
+    number = np.full(is_soil.shape, -1)
+    number[is_soil] = np.arange(len(free))
+    sides = (number[:-1], number[1:]), (number[:, :-1], number[:, 1:])
+    pair = np.concatenate([np.stack([each.ravel() for each in side]) for side in sides], axis=1)
+    pair = pair[:, (pair >= 0).all(axis=0)]
+    beside = coo_matrix((np.ones(pair.shape[1]), tuple(pair)), shape=(len(free), len(free)))
+    skin = laplacian((beside + beside.T).tocsr()).tocsr()[free]
+    pull_m = -skin[:, ~free] @ heights_m[~free]
+    heights_m[free] = spsolve(skin[:, free].tocsc(), pull_m, permc_spec="MMD_AT_PLUS_A")
+    nodes_m[is_soil] = heights_m
     return nodes_m

@@ -260,7 +260,8 @@ def _fill_lanes(layout: Layout, random: np.random.Generator) -> list[_Lane]:
                 reach_m = 2.0 * file.shown_m if direction > 0 else 5.0 * file.length_m + 4.0 * file.shown_m
                 reach_m = file.length_m if file.loop else reach_m
                 gaps_m = random.uniform(*file.oncoming_gap_m, int(reach_m / np.mean(file.oncoming_gap_m)) + 1)
-            names = [_draw(layout, random, without=("cyclist",) if is_own else ()) for _ in gaps_m]
+            y_m, without = layout.lane_m(lane, direction), ("cyclist",) if is_own else ()
+            names = [_draw(layout, random, y_m, without=without) for _ in gaps_m]
             if is_own:
                 names[file.ahead] = "own_car"
             lengths_m = np.array([CAR_M[0] if name == "own_car" else vehicle_length_m(name) for name in names])
@@ -282,15 +283,20 @@ def _fill_lanes(layout: Layout, random: np.random.Generator) -> list[_Lane]:
 
 
 def _draw(
-    layout: Layout, random: np.random.Generator, *, longest_m: float = math.inf, without: tuple[str, ...] = ()
+    layout: Layout,
+    random: np.random.Generator,
+    y_m: float = 0.0,
+    *,
+    longest_m: float = math.inf,
+    without: tuple[str, ...] = (),
 ) -> str:
-    """Name of the body of a vehicle that keeps to its lane, bends included."""
+    """Name of the body of a vehicle that keeps to its lane at y, bends included."""
     return draw_vehicle(
         "traffic",
         *random.random(2),
         longest_m=longest_m,
         widest_m=layout.file.lane_width_m - LANE_ROOM_M,
-        curvature_per_m=layout.line.sharpest_per_m(layout.begin_m, layout.end_m),
+        curvature_per_m=layout.line.sharpest_per_m(layout.begin_m, layout.end_m, y_m),
         without=without,
     )
 
@@ -337,7 +343,8 @@ def _crossing_tracks(
     # Without a start, if the ego vehicle never came so far, they wait.
     since_s = np.maximum(time_s - np.array(closing.go_s or [np.inf])[:, None], 0.0)
     if crossing.is_zebra:
-        people, half_m = int(random.integers(1, 4)), layout.kerb_m + 1.0
+        # Who comes across a street has room for a step, on a narrow pavement, too.
+        people, half_m = int(random.integers(1, 4)), layout.kerb_m + min(1.0, layout.file.pavement_m - 2.2)
         for number in range(people):
             side, speed_m_s = random.choice([-1.0, 1.0]), random.uniform(*WALK_M_S)
             # They come back when it closes again, and turn round for that once they are across.

@@ -1,0 +1,98 @@
+"""Nobody and nothing on a street stands in another: all pairs of boxes, of their meshes, over a minute of its time."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from helpers.run_seed import chosen
+from scipy.spatial import cKDTree
+
+from lidarscene.labels.boxes import _carried
+from lidarscene.scene.made_street import street
+from lidarscene.scene.scene import Part, Scene
+
+ROUND = ("trees", "bushes")
+
+GROUND = {"road", "pavement", "kerb", "lane_marking", "terrain"}
+
+Boxes = tuple[list[str], np.ndarray]
+"""Names, and (n, 6) x, y [m], direction (x, y), half length and half width [m]."""
+
+
+def standing(scene: Scene) -> Boxes:
+    """Boxes of what stands, of its section 0.7 m over its foot: doorsteps and crowns are no obstacle."""
+    names, rows, sections = [], [], {}
+    for body in scene.bodies:
+        if body.motion is not None or body.class_name in GROUND:
+            continue
+        if id(body.parts) not in sections:
+            ends = [
+                trimesh.intersections.mesh_plane(
+                    trimesh.Trimesh(part.vertices_m, part.faces, process=False), body.pose.rotation[2], [0.0, 0.0, 0.7]
+                )
+                for part in body.parts
+                if isinstance(part, Part) and part.in_box
+            ]
+            place_m = np.concatenate(ends).reshape(-1, 3)[:, :2]
+            sections[id(body.parts)] = place_m.min(axis=0), place_m.max(axis=0)
+        low_m, high_m = sections[id(body.parts)]
+        # The box of what is round has corners that it does not reach, in whatever direction it is turned.
+        half_m = 0.5 * (high_m - low_m) * (0.5**0.5 if body.name.startswith(ROUND) else 1.0)
+        names.append(body.name)
+        rows.append(row(body.pose.position_m, body.pose.rotation, 0.5 * (low_m + high_m), half_m))
+    return names, np.array(rows)
+
+
+def row(place_m: np.ndarray, rotation: np.ndarray, middle_m: np.ndarray, half_m: np.ndarray) -> np.ndarray:
+    ahead = rotation[:2, 0] / np.hypot(*rotation[:2, 0])
+    return np.concatenate([place_m[:2] + rotation[:2, :2] @ middle_m, ahead, half_m])
+
+
+def moving(scene: Scene, time_s: float) -> Boxes:
+    """Boxes of labels of what moves at a time, as it walks."""
+    bodies = [(n, body) for n, body in enumerate(scene.bodies) if body.motion is not None and body.is_present(time_s)]
+    boxes = _carried(bodies, *np.full((2, len(bodies)), time_s))
+    rows = [row(box.pose.position_m, box.pose.rotation, np.zeros(2), 0.5 * box.size_m[:2]) for box in boxes]
+    return [box.name for box in boxes], np.array(rows)
+
+
+def pairs_that_meet(boxes: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """(n, 2) numbers of boxes and others that overlap by more than a millimetre: shadows on the sides of both do."""
+    reach_m = 0.5 + np.hypot(*boxes[:, 4:].T)[:, None]
+    near = cKDTree(others[:, :2]).query_ball_point(boxes[:, :2], reach_m[:, 0] + np.hypot(*others[:, 4:].T).max())
+    pair = np.array([(a, b) for a, numbers in enumerate(near) for b in numbers]).reshape(-1, 2)
+    both = np.stack([boxes[pair[:, 0]], others[pair[:, 1]]])
+    sides = np.stack([both[..., 2:4], both[..., [3, 2]] * [-1.0, 1.0]], axis=2)
+    apart_m, meets = both[1, :, :2] - both[0, :, :2], np.ones(len(pair), dtype=bool)
+    for axis in (sides[owner, :, side] for owner in (0, 1) for side in (0, 1)):
+        shadow_m = (np.abs(np.einsum("onsk,nk->ons", sides, axis)) * both[..., 4:]).sum(axis=(0, 2))
+        meets &= np.abs((apart_m * axis).sum(axis=1)) < shadow_m - 1e-3
+    return pair[meets]
+
+
+def collisions(times_s: np.ndarray, **keys: Any) -> dict[tuple[str, str], float]:
+    """Pairs of bodies of a street that overlap -> when first."""
+    scene = street(**keys)
+    names, still = standing(scene)
+    found = {(names[a], names[b]): -1.0 for a, b in pairs_that_meet(still, still) if a < b}
+    for time_s in times_s.tolist():
+        moved, boxes = moving(scene, time_s)
+        for a, b in pairs_that_meet(boxes, still):
+            found.setdefault((moved[a], names[b]), time_s)
+        for a, b in pairs_that_meet(boxes, boxes):
+            if a < b:
+                found.setdefault((moved[a], moved[b]), time_s)
+    return found
+
+
+NARROW = {"length_m": 150.0, "pavement_m": 2.8, "walking_spacing_m": (10.0, 40.0), "standing_spacing_m": (10.0, 40.0)}
+LOOP = {"length_m": 900.0, "loop": True, "lanes": 2}
+
+
+@pytest.mark.parametrize("keys", [NARROW, LOOP, LOOP | {"corners": "junctions"}], ids=["narrow", "loop", "junctions"])
+@pytest.mark.parametrize("seed", chosen(1, [6, 7]))
+def test_nobody_stands_in_another(seed: int, keys: dict[str, Any]) -> None:
+    """All pairs of bodies, moving ones too, every half second of a minute."""
+    found = collisions(np.arange(0.0, 60.0, 0.5), seed=seed, stop_share=1.0, zebra_share=1.0, shown_m=100.0, **keys)
+    assert found == {}
