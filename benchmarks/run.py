@@ -75,7 +75,7 @@ def full_parts(*, large: bool) -> Parts:
         "peers": lambda: [peers.measure(street, sizes=sizes, synthetic=SYNTHETIC, middle="262k", rounds=3)],
         "rays": lambda: [rays.measure(street, single_deg=STREET_DEG, many_deg=4 * STREET_DEG, rays=16, rounds=5)],
         "motion": lambda: [motion.measure(street, step_deg=STREET_DEG, rounds=9)],
-        "start": lambda: [process.start(car, rounds=5)],
+        "start": lambda: [process.start([car, ROOT / "scenes" / "town.toml"], rounds=5)],
         "memory": lambda: [process.memory(street, step_deg=0.00774)],
         "batch": lambda: [batch.measure(street, frames=40, step_deg=0.1, rounds=4)],
         "gpu": lambda: gpu.measure(street, variant=gpu.VARIANTS["cuda"], rounds=15, frames=1000),
@@ -93,7 +93,7 @@ def quick_parts() -> Parts:
         "peers": lambda: [peers.measure(car, sizes={"12k": 0.5}, synthetic=(2_000,), middle="12k", rounds=2)],
         "rays": lambda: [rays.measure(car, single_deg=0.5, many_deg=2.0, rays=16, rounds=2)],
         "motion": lambda: [motion.measure(car, step_deg=0.5, rounds=3)],
-        "start": lambda: [process.start(car, rounds=1, warm_up=False)],
+        "start": lambda: [process.start([car], rounds=1, warm_up=False)],
         "memory": lambda: [process.memory(car, step_deg=0.5)],
         "batch": lambda: [batch.measure(car, frames=4, step_deg=0.5, rounds=1)],
         "gpu": lambda: gpu.measure(

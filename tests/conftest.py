@@ -215,9 +215,10 @@ pytest_plugins = (
     "helpers.dead_workers",
     "helpers.chance",
     "helpers.part",
+    "helpers.kept_scenes",
 )
-"""Fixtures: a command line in this process; readers of other libraries; a job and a cluster; a browser. The last three
-end a run whose worker dies, run a test that fails on other seeds, and choose a part of the tests."""
+"""Fixtures: a command line in this process; readers of other libraries; a job and a cluster; a browser. The last four
+end a run whose worker dies, run a test that fails on other seeds, choose a part of the tests, and keep scenes."""
 
 RunPython = Callable[..., subprocess.CompletedProcess[str]]
 

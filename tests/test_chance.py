@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
+from helpers.child import FEW_PLUGINS
 from helpers.waiting import PATIENCE_S
 
 TESTS = Path(__file__).parent
@@ -66,7 +67,7 @@ def run(folder: Path, files: Mapping[str, str], *options: str) -> subprocess.Com
     start = [sys.executable, "-m", "pytest", "-c", TESTS.parent / "pyproject.toml", "--rootdir", folder]
     return subprocess.run(
         [*start, "-p", "helpers.chance", "-p", "no:cacheprovider", *options, folder],
-        env=plain | {"PYTHONPATH": path, "TEST_SEED": "100"},
+        env=plain | FEW_PLUGINS | {"PYTHONPATH": path, "TEST_SEED": "100"},
         cwd=folder,
         capture_output=True,
         text=True,
@@ -103,10 +104,10 @@ NO_CHANCES = {
 """Files with a test each that fails by more than chance."""
 
 
-@pytest.mark.parametrize("options", [("-n", "0"), ("-n", "2", "--dist", "loadfile")])
-def test_one_seed_of_six_is_chance(options: tuple[str, ...], tmp_path: Path) -> None:
+def test_one_seed_of_six_is_chance(tmp_path: Path) -> None:
     """Whatever drew by the run's seed, also in a child, is made anew for the others, and for the next test."""
-    done = run(tmp_path, {"drawn": BEFORE + SEEDED.format(["100"]) + AFTER, "child": CHILD}, *options)
+    files = {"drawn": BEFORE + SEEDED.format(["100"]) + AFTER, "child": CHILD}
+    done = run(tmp_path, files, "-n", "2", "--dist", "loadfile")
     assert done.returncode == pytest.ExitCode.OK, done.stdout
     assert "2 passed, 2 failed by chance" in done.stdout
     assert "failed by chance: test_child.py::test_child: on TEST_SEED=100" in done.stdout

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from helpers import part
-from helpers.child import assert_ended
+from helpers.child import FEW_PLUGINS, assert_ended
 
 TOOLS = Path(__file__).parents[1] / "tools"
 TESTS = '''
@@ -63,7 +63,7 @@ def run(folder: Path, *files: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, "-c", RUN, folder, *(folder / file for file in files)],
         cwd=folder,
-        env={"PYTHONPATH": f"{TOOLS}{os.pathsep}{TOOLS.parent / 'tests'}"},
+        env=FEW_PLUGINS | {"PYTHONPATH": f"{TOOLS}{os.pathsep}{TOOLS.parent / 'tests'}"},
         capture_output=True,
         text=True,
         check=False,

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from helpers.child import FEW_PLUGINS
 from helpers.waiting import PATIENCE_S
 
 TESTS = Path(__file__).parent
@@ -46,7 +47,7 @@ def test_a_run_ends_with_the_worker_of_a_test(ending: str, tmp_path: Path) -> No
     start = [sys.executable, "-m", "pytest", "-c", TESTS.parent / "pyproject.toml", "--rootdir", tmp_path]
     done = subprocess.run(
         [*start, *AS_MAKE.split(), *options, tmp_path],
-        env=environment | {"PYTHONPATH": str(TESTS)},
+        env=environment | FEW_PLUGINS | {"PYTHONPATH": str(TESTS)},
         cwd=tmp_path,
         capture_output=True,
         text=True,

@@ -16,6 +16,7 @@ import pytest
 import trimesh
 from helpers.clouds import small_cloud
 from helpers.mistakes import told
+from helpers.sources import parsed
 
 import lidarscene
 from lidarscene import Material, PointCloud, Rig, Scene, Sensor
@@ -177,8 +178,8 @@ def test_messages_have_the_command_lines_names_of_options_only_there() -> None:
     A name alone, without a sentence, is an option's own, or an argument of another program.
     """
     package, found = Path(lidarscene.__file__).parent, {}
-    for file in package.rglob("*.py"):
-        name, nodes = file.relative_to(package).as_posix(), list(ast.walk(ast.parse(file.read_text("utf-8"))))
+    for file, tree in parsed(package).items():
+        name, nodes = file.relative_to(package).as_posix(), list(ast.walk(tree))
         documented = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
         texts = [part.value for part in nodes if isinstance(part, ast.Constant) and id(part) not in documented]
         named = [text for text in texts if " " in str(text) and re.search(r"(^|[\s(])--[a-z]", str(text))]

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from helpers.child import FEW_PLUGINS
 
 ROOT = Path(__file__).parents[1]
 CODE = '''"""A module."""
@@ -57,7 +58,7 @@ def test_changes_of_a_file(tool, tmp_path: Path) -> None:
         ast.parse(mutant.text(path.read_bytes()))
 
 
-def test_a_run(tool, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run(tool, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """Killed is what a test notices, or what cannot be imported; what no test runs has no test. The files stay as they
     are.
     """
@@ -82,6 +83,8 @@ def test_a_run(tool, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
         f'["test_module.py::test_held", 0.1, ["{name}:held", "{name}:first"]]\n'
         f'["test_module.py::test_tens", 0.1, ["{name}:tens"]]\n'
     )
+    for name, value in FEW_PLUGINS.items():
+        monkeypatch.setenv(name, value)
     tool.run([str(source)], 10, seed=1, jobs=2, limit_s=100)
     printed = capsys.readouterr().out
     assert f"survived: {name}:2 tens\n    -    return 10\n    +    return 11\n" in printed

@@ -13,7 +13,7 @@ RENDER = """
 import hashlib
 from lidarscene import Simulator, load_scene, load_sensor
 
-sensor = load_sensor("os1-128", overrides=["scanner.columns_per_turn=32"])
+sensor = load_sensor("table1-apd", overrides=["scanner.azimuth_step_deg=2", "scanner.elevation_step_deg=1"])
 cloud = Simulator(load_scene("car"), sensor).render(seed=3)
 assert len(cloud) > 100
 print([hashlib.sha256(getattr(cloud, column.attribute).tobytes()).hexdigest() for column in cloud.columns])

@@ -5,7 +5,7 @@ A detector has a test of its own (`tests/sensor/detectors/test_new_detector.py`)
 
 import numpy as np
 import pytest
-from helpers.newcomer import changed_sources
+from helpers.newcomer import changed_sources, command_lines
 
 from lidarscene.formats.cloud_columns import DTYPES
 
@@ -141,8 +141,8 @@ def test_all_four_go_through_every_format_and_the_page(copy):
     folder, run = copy
     assert "'dust'" in run("-c", RENDER)
     assert np.loadtxt(folder / "xyz.xyz").shape[1] == 4
-    assert "spiral" in run("-m", "lidarscene", "check", "spiral.toml")
-    run("-m", "lidarscene", "render", "car", "-o", "a.xyz", "--sensor", "spiral.toml")
+    checked, _ = command_lines(run, "check spiral.toml", "render car -o a.xyz --sensor spiral.toml")
+    assert "spiral" in checked
 
 
 def test_the_documentation_writes_itself(copy):

@@ -33,7 +33,7 @@ def render_cloud(scanner, *overrides, seed=0):
     return Simulator(ball_around(), equip(scanner, *overrides)).render(seed=seed, chunk=1999)
 
 
-@pytest.mark.parametrize("name", chosen(10, list(scanners.ALL)))
+@pytest.mark.parametrize("name", chosen(5, list(scanners.ALL)))
 def test_every_scanner_renders(name):
     """One echo for every pulse, its time and channel from the scanner, its place where the angles say."""
     scanner = scanners.ALL[name]()

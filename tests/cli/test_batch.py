@@ -47,21 +47,11 @@ def test_what_a_user_sees(
     assert (tmp_path / "out" / "manifest.parquet").is_file()
 
 
-def test_a_script_runs_a_job(job_file: Path, tmp_path: Path) -> None:
-    """Rationale: new processes of Python import the script that starts them, and would run it again."""
-    script = tmp_path / "script.py"
-    script.write_text("import lidarscene\nprint(lidarscene.batch('job.toml', 'out', workers=1))\n")
-    ran = subprocess.run(
-        [sys.executable, script.name], cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE_S
-    )
-    assert ran.stdout == "Progress(frames=4, reused=0, rendered=4, failed={})\n", ran.stderr
-    assert (tmp_path / "out" / "manifest.parquet").is_file()
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are of POSIX")
-def test_on_a_terminal(mi: Any, job_file: Path, tmp_path: Path) -> None:
+def test_a_script_on_a_terminal(mi: Any, job_file: Path, tmp_path: Path) -> None:
     """The dashboard's address, where it answers, and a bar that counts to the last frame.
 
+    Rationale: new processes of Python import the script that starts them, and would run it again.
     The dashboard ends with the last frame: its workers are held until it has answered. It is asked for the numbers that
     it shows, since to draw all its charts takes it seconds.
     """
@@ -69,12 +59,16 @@ def test_on_a_terminal(mi: Any, job_file: Path, tmp_path: Path) -> None:
     psutil = pytest.importorskip("psutil")
     import pty
 
+    (tmp_path / "script.py").write_text(
+        "from lidarscene.cli import main\nprint(main.main('batch job.toml -o out --workers 1'.split()))\n"
+    )
     ours, theirs = pty.openpty()
     running = subprocess.Popen(
-        [sys.executable, "-m", "lidarscene", "batch", "job.toml", "-o", "out", "--workers", "1"],
+        [sys.executable, "script.py"],
         cwd=tmp_path,
         env=os.environ | {"TERM": "xterm", "COLUMNS": "100"},
-        stdout=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        text=True,
         stderr=theirs,
     )
     os.close(theirs)
@@ -94,11 +88,13 @@ def test_on_a_terminal(mi: Any, job_file: Path, tmp_path: Path) -> None:
                 for worker in workers:
                     worker.resume()
     os.close(ours)
-    assert running.wait(PATIENCE_S) == 0, terminal_output
+    printed, _ = running.communicate(timeout=PATIENCE_S)
+    assert (printed.count("rendered"), printed[-3:]) == (1, "\n0\n"), terminal_output
     assert answers is not None
     assert answers["workers"] == 1
     assert b"0/4" in terminal_output
     assert b"4/4" in terminal_output
+    assert (tmp_path / "out" / "manifest.parquet").is_file()
 
 
 def _read(terminal: int) -> bytes:

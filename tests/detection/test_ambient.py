@@ -57,9 +57,9 @@ def test_sipm_counts_firings():
 
 def test_cells_that_fire_others_are_counted_in_clusters():
     """Reference: cells in small steps, each avalanche trying one other cell at once, which fires if it is ready. An F
-    test at 1e-6 of 3000 windows of sixty dead times, of which steps and ends leave 4 %.
+    test at 1e-6 of 1000 windows of sixty dead times, of which steps and ends leave 4 %.
     """
-    steps, shots, window = 50, 3000, 60
+    steps, shots, window = 50, 1000, 60
     rng, cells, crosstalk = np.random.default_rng(6), round(N), 0.45
     rate = -np.expm1(-(P_RS * PDE / HNU / N + DCR) * DEAD / steps)
     fired, busy, total = np.zeros((steps, shots), int), np.zeros(shots, int), np.zeros(shots, int)

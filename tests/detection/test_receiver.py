@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from helpers.child import assert_ended
+from helpers.run_seed import chosen
 
 from lidarscene import load_sensor
 from lidarscene.detection import receiver
@@ -31,21 +32,24 @@ for name, setting, power_w in {cases}:
     print(name, setting, columns["reported"].sum(), digest, flush=True)
 """
 
-CASES = [
+SIZES = [
     # From 10 samples to the most that a file may ask for. Their number is data: only the memory differs.
-    *(("vlp-16", f"sampler.rate_mhz={rate}", 2e-6) for rate in (500, 60_000)),
+    [("vlp-16", f"sampler.rate_mhz={rate}", 2e-6) for rate in (500, 60_000)],
     # 18 and 32 bins.
-    *(("os1-128", f"histogram.bin_ns={width}", 1e-7) for width in (0.9, 0.4)),
+    [("os1-128", f"histogram.bin_ns={width}", 1e-7) for width in (0.9, 0.4)],
 ]
 
 
-def test_receivers_of_several_sizes_share_a_process(mi: Any, run_python: Any, tmp_path: Path) -> None:
+@pytest.mark.parametrize("cases", chosen(1, SIZES))
+def test_receivers_of_several_sizes_share_a_process(
+    cases: list[tuple[str, str, float]], mi: Any, run_python: Any, tmp_path: Path
+) -> None:
     """Receivers run from the smallest memory to the largest, and back in a second process with the same kernels on the
     disk: the same bits, and both processes live. Kernels of a larger memory serve a smaller one well, so that the
     second process is the reference of the first.
     """
     outputs = []
-    for order in (CASES, CASES[::-1]):
+    for order in (cases, cases[::-1]):
         process = run_python(
             DETECT.format(cases=order),
             PYTHONPATH=f"{TESTS.parent / 'src'}{os.pathsep}{TESTS}",
@@ -56,7 +60,7 @@ def test_receivers_of_several_sizes_share_a_process(mi: Any, run_python: Any, tm
         outputs.append(sorted(process.stdout.splitlines()))
     rising, falling = outputs
     assert rising == falling
-    assert len({line.split()[-1] for line in rising}) == len(CASES)
+    assert len({line.split()[-1] for line in rising}) == len(cases)
     assert all(int(line.split()[-2]) == 200 for line in rising), rising
 
 

@@ -2,6 +2,9 @@
 
 import subprocess
 
+FEW_PLUGINS = {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "PYTEST_PLUGINS": "xdist.plugin,pytest_timeout"}
+"""Environment of a pytest in a process of its own: to import all others that are installed takes it a second."""
+
 
 def assert_ended(
     process: subprocess.CompletedProcess[str], code: int = 0, *, stdout: str | None = None, stderr: str | None = ""

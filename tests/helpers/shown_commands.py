@@ -1,14 +1,17 @@
 """The commands that the documentation shows, run page by page in this process, on the files that the page shows.
 
-They run as they stand but for what takes long: sensors with fewer pulses (`COARSE`, `COARSE_RIG`), scenes of `scenes/`
-with one body of a kind, two frames for ten, fields of view after 0.02 s in cells of 8 degrees, two illuminances for
-four, a design study of 12 evaluations, charts and pictures that are not drawn, a job of four frames for twelve on a
-thread of this process, the view written by `--save` instead of served. A scene of `scenes/` is compiled once for
-commands in a row. What is only parsed is in `PARSED_ONLY`, with the test that runs its like. Of two commands of which
-one has more options than the other only that one is run, unless the page goes on with the file of the shorter one.
-Whole scenes are rendered in tests/cli/test_main.py, charts drawn by the tests of each command.
+They run as they stand but for what takes long: sensors with fewer pulses (`COARSE`, `COARSE_RIG`), scenes of
+`scenes/` with one body of a kind, two frames for ten, fields of view after 0.02 s in cells of 8 degrees, two
+illuminances for four, a design study of 12 evaluations, charts and pictures that are not drawn, a job of four frames
+for twelve on a thread of this process, the view written by `--save` instead of served. Of `render` commands whose
+files the page does not go on with a third is traced, others in each run (`TRACED`); of the rest all is read and
+checked. A scene of `scenes/` is compiled once for commands in a row. What is only parsed is in `PARSED_ONLY`, with
+the test that runs its like. Of two commands of which one has more options than the other only that one is run, unless
+the page goes on with the file of the shorter one. Whole scenes are rendered in tests/cli/test_main.py, charts drawn
+by the tests of each command.
 """
 
+import contextlib
 import functools
 import re
 import shlex
@@ -22,7 +25,9 @@ import trimesh
 
 import lidarscene
 from helpers.documentation import IN_AN_EMPTY_FOLDER, PAGES, blocks, commands, in_order, make_workplace, shell_lines
+from helpers.fuzzing import untraced
 from helpers.in_this_process import draw_nothing, draw_roughly
+from helpers.run_seed import chosen
 from helpers.small_job import threads_of_this_process, use_no_worlds_of_others
 from lidarscene import catalog
 from lidarscene.batch import cluster
@@ -181,6 +186,15 @@ OF_STUDIES = "compare design fov job_files motion own_mesh own_sensor range sens
 """Pages with commands that take as long as those of all others: two files of tests, for two processes."""
 
 
+def by_names(line: str) -> str:
+    """The command with files of `scenes/` called by their names, so that `car` and `scenes/car.toml` are one."""
+    return re.sub(rf"scenes/({'|'.join(catalog.names('scenes'))})\.toml", r"\1", line)
+
+
+def value_of(option: str, words: list[str]) -> str | None:
+    return words[words.index(option) + 1] if option in words else None
+
+
 def use_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     """`batch` on a thread of this process: tests/batch starts processes."""
     monkeypatch.setattr(cluster, "local_client", threads_of_this_process)
@@ -221,6 +235,15 @@ def is_read_later(command: str, page: Path) -> bool:
     return target is not None and any(re.search(rf"{re.escape(target)}(?![\w.-])", text) for text in texts)
 
 
+def _is_only_written(line: str, page: Path) -> bool:
+    return line.startswith("lidarscene render ") and not is_read_later(line, page)
+
+
+_ONLY_WRITTEN = sorted({by_names(line) for page in PAGES for line in commands(page) if _is_only_written(line, page)})
+TRACED = frozenset(chosen(len(_ONLY_WRITTEN) // 3, _ONLY_WRITTEN))
+"""Frames that are traced although the page does not go on with them: tests of each effect trace it, too."""
+
+
 def coarse_job() -> str:
     text = catalog.path_of("examples", "job").read_text(encoding="utf-8")
     for old, new in COARSE_JOB.items():
@@ -229,18 +252,9 @@ def coarse_job() -> str:
     return text
 
 
-def value_of(option: str, words: list[str]) -> str | None:
-    return words[words.index(option) + 1] if option in words else None
-
-
 def is_shipped(word: str) -> bool:
     """Whether a word is a scene of `scenes/`, by its file or its name, or a bare mesh."""
     return word.startswith("scenes/") or word in catalog.names("scenes") + catalog.names("meshes") or word == MESH
-
-
-def by_names(line: str) -> str:
-    """The command with files of `scenes/` called by their names, so that `car` and `scenes/car.toml` are one."""
-    return re.sub(rf"scenes/({'|'.join(catalog.names('scenes'))})\.toml", r"\1", line)
 
 
 def sparse(scene: Scene) -> Scene:
@@ -382,14 +396,15 @@ class Reader:
         runs_elsewhere = arguments[0] in ("render", "fov") and in_a_longer_one(line) and not read_later
         if parsed_only(line) or runs_elsewhere:
             return
-        self._run(capsys, line)
+        self._run(capsys, line, traced=not _is_only_written(line, page) or by_names(line) in TRACED)
 
-    def _run(self, capsys: pytest.CaptureFixture[str], line: str) -> None:
+    def _run(self, capsys: pytest.CaptureFixture[str], line: str, *, traced: bool = True) -> None:
         """Run a command; `> FILE` takes what it prints."""
         command, _, target = line.partition(" > ")
         capsys.readouterr()
-        assert main.main(coarse(shlex.split(command)[1:])) == 0, f"{command}\n{capsys.readouterr().err}"
+        with contextlib.nullcontext() if traced else untraced():
+            assert main.main(coarse(shlex.split(command)[1:])) == 0, f"{command}\n{capsys.readouterr().err}"
         printed = capsys.readouterr().out
-        assert bool(printed) != ("-q" in command.split())
+        assert not traced or bool(printed) != ("-q" in command.split())
         if target:
             Path(target).write_text(printed, encoding="utf-8")

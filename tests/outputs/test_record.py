@@ -9,6 +9,7 @@ import pytest
 from helpers.command_line import BEAMS, COARSE, Run
 from helpers.folders import file_contents
 from helpers.mistakes import told
+from helpers.run_seed import chosen
 from helpers.walls import write_moving_rig
 
 import lidarscene
@@ -77,7 +78,7 @@ CASES: dict[str, tuple[str, dict[str, Any], dict[str, Any], str]] = {
 }
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", chosen(4, [*CASES]))
 def test_python_writes_the_files_of_the_command(mi, run: Run, moving: str, tmp_path: Path, case: str) -> None:
     path, files, options, typed = CASES[case]
     argv = typed.replace("{}", "cli").split()

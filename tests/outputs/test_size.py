@@ -12,6 +12,7 @@ import pytest
 from helpers.command_line import COARSE, Run
 from helpers.in_this_process import draw_nothing
 from helpers.paper_results import results, use
+from helpers.run_seed import chosen
 
 from lidarscene.cli import render, terminal
 from lidarscene.cli.terminal import Lines
@@ -124,7 +125,7 @@ def test_a_bar_on_a_terminal_alone(monkeypatch: pytest.MonkeyPatch, capsys: pyte
     assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize("command", ["compare", "fov", "paper", "render"])
+@pytest.mark.parametrize("command", chosen(2, ["compare", "fov", "paper", "render"]))
 def test_long_commands_tell_how_far_they_are(
     command: str, run: Run, wall: str, mi: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

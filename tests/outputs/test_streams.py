@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from helpers.command_line import BEAMS, COARSE, Run
 from helpers.folders import begun, file_contents
+from helpers.run_seed import chosen
 from helpers.waiting import wait_until
 from helpers.walls import write_moving_rig
 
@@ -111,7 +112,7 @@ def all_outputs(folder: str) -> dict[str, tuple[str, ...]]:
 ASKED = tuple(all_outputs(""))
 
 
-@pytest.mark.parametrize("output", ASKED)
+@pytest.mark.parametrize("output", chosen(3, ASKED))
 def test_no_output_shows_how_the_frame_was_cut(run: Run, moving: str, tmp_path: Path, output: str) -> None:
     """Pieces of 50 pulses, and all pulses at once."""
     for folder, cut in (("pieces", (CHUNKS,)), ("whole", ())):
@@ -123,7 +124,7 @@ def test_no_output_shows_how_the_frame_was_cut(run: Run, moving: str, tmp_path: 
 LABELLED = ("kitti", "semantickitti")
 
 
-@pytest.mark.parametrize("output", [*ASKED, *LABELLED])
+@pytest.mark.parametrize("output", chosen(4, [*ASKED, *LABELLED]))
 def test_without_truth_only_the_clouds_have_less(run: Run, moving: str, tmp_path: Path, output: str) -> None:
     """Labels, pictures, missed pulses, waveforms and whole data sets have the same bytes: they need the truth of the
     frame, or none, and not that of the written cloud.

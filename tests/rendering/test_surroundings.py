@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from helpers.command_line import Run
 from helpers.mistakes import assert_names
+from helpers.run_seed import chosen
 
 from lidarscene import Scene, Sun, load_scene, load_sensor, render, render_frames
 from lidarscene.errors import OptionWarning
@@ -223,7 +224,7 @@ def test_the_way_of_a_vehicle_is_followed_without_its_springs(tmp_path: Path) ->
     assert 0.0 < sum(asked) * STEP_S / 4 < 10.0
 
 
-@pytest.mark.parametrize("name", ["drive", "town"])
+@pytest.mark.parametrize("name", chosen(1, ["drive", "town"]))
 def test_shipped_drives_go_on_for_minutes(name: str) -> None:
     """They go on a street, or behind it: `drive` left its own after 7 s, through a house."""
     scene = load_scene(name)

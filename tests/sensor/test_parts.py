@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.run_seed import chosen
 
 from lidarscene import Sensor, catalog, load_sensor
 from lidarscene.files.overrides import toml_text
@@ -38,7 +39,7 @@ def test_a_detector_comes_with_its_electronics(name: str, donor: str) -> None:
     assert exchanged.scanner.pulses == own.scanner.pulses
 
 
-@pytest.mark.parametrize("name", catalog.names("sensors"))
+@pytest.mark.parametrize("name", chosen(12, catalog.names("sensors")))
 def test_a_saved_sensor_is_the_sensor(name: str, tmp_path: Path) -> None:
     """Reference: the sensor itself, with what was replaced, from another folder than its files."""
     sensor = load_sensor(name).replace("laser.divergence_mrad=2.5", peak_power_w=33.0)

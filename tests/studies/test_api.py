@@ -31,15 +31,15 @@ def study(klux: float) -> dict[str, Any]:
 
 def test_the_maximum_range_of_names_and_sensors_is_what_the_command_prints(capsys: pytest.CaptureFixture[str]) -> None:
     report = lidarscene.max_range(
-        ["vlp-16", lidarscene.load_sensor("table1-apd")], illuminance_klux=20, reflectivity=0.3
+        ["table1-sipm", lidarscene.load_sensor("table1-apd")], illuminance_klux=20, reflectivity=0.3
     )
-    options = ["range", "vlp-16", "table1-apd", "--illuminance-klux", "20", "--reflectivity", "0.3"]
+    options = ["range", "table1-sipm", "table1-apd", "--illuminance-klux", "20", "--reflectivity", "0.3"]
     assert main(options) == 0
     assert capsys.readouterr().out == f"{report}\n"
     assert main([*options, "--json"]) == 0
     numbers = json.loads(capsys.readouterr().out)
     assert [numbers[name]["range_m"] for name in report.table["name"]] == report.table["range_m"]
-    assert report.table["name"] == ["vlp-16", "table1-apd"]
+    assert report.table["name"] == ["table1-sipm", "table1-apd"]
 
 
 def test_one_sensor_twice_and_changed(no_charts: None) -> None:

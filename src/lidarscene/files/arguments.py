@@ -124,6 +124,11 @@ def checks_arguments(call: Checked) -> Checked:
     kinds = [parameter.kind for parameter in signature.parameters.values()]
     takes_all, takes_list = inspect.Parameter.VAR_KEYWORD in kinds, inspect.Parameter.VAR_POSITIONAL in kinds
     positional = [name for name, kind in zip(signature.parameters, kinds, strict=True) if kind in _POSITIONAL]
+    required = [
+        name
+        for name, parameter in signature.parameters.items()
+        if parameter.default is parameter.empty and parameter.kind not in _OPEN and name != "self"
+    ]
     own = positional[:1] == ["self"]
 
     @functools.wraps(call)
@@ -138,14 +143,15 @@ def checks_arguments(call: Checked) -> Checked:
         if len(arguments) > len(positional) and not takes_list:
             others = [name for name in _keywords_of(call, signature) if name not in positional]
             raise _too_many(call.__name__, arguments[own:], positional[own:], others, _hints_of(call))
-        try:
-            bound = signature.bind(*arguments, **keywords).arguments
-        except TypeError:
-            _require_once(call, signature, positional[: len(arguments)], keywords)
+        # `inspect.Signature.bind` takes longer than all else here.
+        bound = dict(zip(positional, arguments, strict=False)) | keywords
+        if len(bound) < len(keywords) + min(len(arguments), len(positional)) or not bound.keys() >= {*required}:
+            _require_once(call, signature, required, positional[: len(arguments)], keywords)
             bound = {}  # the call itself says what else is wrong
-        for name, hint in _hints_of(call).items():
-            if name in bound:
-                require_type(name, bound[name], hint)
+        hints = _hints_of(call)
+        for name, value in bound.items():
+            if name in hints:
+                require_type(name, value, hints[name])
         return call(*arguments, **keywords)
 
     return typing.cast(Checked, checked_call)
@@ -171,18 +177,18 @@ def unknown_option(word: str, options: Collection[str], *, meant: str = "", call
 
 
 def _require_once(
-    call: Callable[..., Any], signature: inspect.Signature, placed: Sequence[str], keywords: Collection[str]
+    call: Callable[..., Any],
+    signature: inspect.Signature,
+    required: Sequence[str],
+    placed: Sequence[str],
+    keywords: Collection[str],
 ) -> None:
     """Raise OptionError for an argument that is missing, or given twice.
 
     Args:
+        required: names of those without a default
         placed: names of the arguments that were given without their names
     """
-    required = [
-        name
-        for name, parameter in signature.parameters.items()
-        if parameter.default is parameter.empty and parameter.kind not in _OPEN and name != "self"
-    ]
     owner, _, function = call.__qualname__.rpartition(".")
     called = f"{owner if function == '__init__' else function}()"
     for name in placed:

@@ -34,7 +34,7 @@ def put_values(text: str, values: Mapping[KeyPath, Any], *, digits: int = DIGITS
             if name not in table:
                 table.append(name, tomlkit.table())
             table = table[name]
-        table[path[-1]] = _rounded(value, digits)
+        table[path[-1]] = rounded(value, digits)
     return tomlkit.dumps(document)
 
 
@@ -52,9 +52,10 @@ def remove_values(text: str, paths: Iterable[KeyPath]) -> str:
     return tomlkit.dumps(document)
 
 
-def _rounded(value: Any, digits: int) -> Any:
+def rounded(value: Any, digits: int = DIGITS) -> Any:
+    """Value whose numbers have this many significant digits; of a long list TOML, in lines."""
     if isinstance(value, list):
-        numbers, lines = [_rounded(number, digits) for number in value], tomlkit.array()
+        numbers, lines = [rounded(number, digits) for number in value], tomlkit.array()
         if len(numbers) <= PER_LINE:
             return numbers
         for start in range(0, len(numbers), PER_LINE):

@@ -520,7 +520,7 @@ def aligned_copy(dtype: type[np.generic], *parts: Numbers) -> Numbers:
     # bytes and more by chance: of twelve frames of changing size eight compiled a kernel for that reason alone. Four
     # neighbours of a table are one load only where it is aligned.
     size = np.dtype(dtype).itemsize * sum(map(len, parts))
-    room = np.zeros(size + _ALIGNMENT, dtype=np.uint8)
+    room = np.empty(size + _ALIGNMENT, dtype=np.uint8)
     start = -room.ctypes.data % _ALIGNMENT
     aligned = room[start : start + size].view(dtype)
     return np.concatenate(parts, out=aligned, casting="unsafe")

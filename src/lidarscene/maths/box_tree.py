@@ -52,11 +52,11 @@ class BoxTree:
     def from_boxes(cls, boxes: Numbers) -> BoxTree:
         """Build from (m, 2, 3) lowest and highest corners, m > 0; boxes that nothing is in have infinite ones."""
         order = np.argsort(_curve_place(boxes), kind="stable")
-        return cls.from_sets(boxes[None, order], order)
+        return cls.from_sets(boxes[order].transpose(1, 2, 0)[None], order)
 
     @classmethod
     def from_sets(cls, boxes: Numbers, numbers: Numbers) -> BoxTree:
-        """Build trees from n sets of the same m boxes, (n, m, 2, 3), one behind the other (`of_tree`).
+        """Build trees from n sets of the same m boxes, (n, 2, 3, m), one behind the other (`of_tree`).
 
         They have the same nodes in the same order.
 
@@ -66,28 +66,27 @@ class BoxTree:
         """
         # From the leaves up: boxes of each level, and the nodes of the tree below each.
         levels, sizes = [boxes], [np.ones(len(numbers), dtype=np.int64)]
-        while len(levels) == 1 or levels[-1].shape[1] > 1:
-            starts = np.arange(0, levels[-1].shape[1], CHILDREN)
-            low, high = levels[-1][:, :, 0], levels[-1][:, :, 1]
-            around = np.minimum.reduceat(low, starts, axis=1), np.maximum.reduceat(high, starts, axis=1)
-            levels.append(np.stack(around, axis=2))
+        while len(levels) == 1 or len(sizes[-1]) > 1:
+            starts = np.arange(0, len(sizes[-1]), CHILDREN)
+            low, high = levels[-1][:, 0], levels[-1][:, 1]
+            around = np.minimum.reduceat(low, starts, axis=2), np.maximum.reduceat(high, starts, axis=2)
+            levels.append(np.stack(around, axis=1))
             sizes.append(1 + np.add.reduceat(sizes[-1], starts))
-        size = int(sizes[-1][0])
-        nodes = np.zeros((len(boxes), size, NUMBERS), boxes.dtype)
-        first = size * np.arange(len(boxes))[:, None]
-        place = np.zeros(1, dtype=np.int64)
         # From the root down: a node stands behind its parent and the trees of its elder siblings.
-        for level in range(len(levels) - 1, -1, -1):
-            nodes[:, place, 0:3], nodes[:, place, 4:7] = levels[level][:, :, 0], levels[level][:, :, 1]
-            onward = place + sizes[level]
-            nodes[:, place, 3] = np.where(onward < size, first + onward, 0)
-            nodes[:, place, 7] = -1.0 if level else numbers
-            if level:
-                below = sizes[level - 1]
-                parent = np.arange(len(below)) // CHILDREN
-                before = np.cumsum(below) - below
-                place = place[parent] + 1 + before - before[parent * CHILDREN]
-        lowest, highest = levels[-1][:, 0, 0].min(axis=0), levels[-1][:, 0, 1].max(axis=0)
+        places = [np.zeros(1, dtype=np.int64)]
+        for below in sizes[-2::-1]:
+            parent = np.arange(len(below)) // CHILDREN
+            before = np.cumsum(below) - below
+            places.append(places[-1][parent] + 1 + before - before[parent * CHILDREN])
+        size = int(sizes[-1][0])
+        order = np.argsort(np.concatenate(places))
+        low, high = np.take(np.concatenate(levels[::-1], axis=3), order, axis=3, mode="clip").transpose(1, 0, 3, 2)
+        onward = np.arange(size) + np.concatenate(sizes[::-1])[order]
+        onward = np.where(onward < size, size * np.arange(len(boxes))[:, None] + onward, 0)
+        number = np.concatenate([np.full(size - len(numbers), -1), numbers])[order]
+        columns = (each[..., None].astype(boxes.dtype) for each in (onward, np.broadcast_to(number, onward.shape)))
+        nodes = np.concatenate([low, next(columns), high, next(columns)], axis=2)
+        lowest, highest = levels[-1][:, 0, :, 0].min(axis=0), levels[-1][:, 1, :, 0].max(axis=0)
         return cls(nodes=nodes.ravel(), low=tuple(lowest.tolist()), high=tuple(highest.tolist()), size=size)
 
     @classmethod

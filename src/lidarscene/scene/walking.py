@@ -13,8 +13,7 @@ Symbols: n instants, k instants of a stride, v vertices.
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -34,15 +33,15 @@ LARGEST_LEVEL = 1.25
 NODE_S = 0.05
 """Accuracy bought: time between the nodes of the way of a motion, an eleventh of a step."""
 
+NODES = 256
+"""Choice: nodes by which a way grows: those of the first frames are few."""
+
 LONGEST_STRIDE = 5.0
 """Choice: length of a stride, over the size of the body, beyond which an animation is taken for more than a stride:
 those who run or gallop have less."""
 
 _SOLE_SHARE = 0.002
 """Choice: share of the height of a walker within which a sole bears on the ground."""
-
-Way = Callable[[Numbers], Numbers]
-"""Strides since the start of a motion at (n,) times."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -63,7 +62,7 @@ class Gait:
     stands: bool = True
     ahead: tuple[float, float] = (1.0, 0.0)
     strides: float = 0.0
-    _ways: dict[tuple[int, tuple[float, float]], tuple[Motion, Way]] = field(repr=False, default_factory=dict)
+    _ways: dict[tuple[int, tuple[float, float]], _Way] = field(repr=False, default_factory=dict)
 
     @classmethod
     def of_strides(cls, strides_m: Sequence[Numbers], *, period_s: float, stands: bool) -> Gait | None:
@@ -148,25 +147,60 @@ class Gait:
         if isinstance(motion, Repeated):
             first_s, last_s = motion.motion.span_s
             rounds, within_s = np.divmod(time_s - first_s, last_s - first_s)
-            phase = self._phase(motion.motion, np.append(first_s + within_s, last_s))
-            return np.asarray(rounds * phase[-1] + phase[:-1])
+            phase = self._phase(motion.motion, first_s + within_s)
+            if rounds.any():
+                phase += rounds * self._phase(motion.motion, np.array([last_s]))
+            return phase
         if motion.span_s == ALWAYS:
             return np.asarray(time_s * self._rate_hz(motion.at(np.zeros(1))))
         # Gaits with another way ahead share the ways.
         key = id(motion), self.ahead
         if key not in self._ways:
-            self._ways[key] = motion, self._way(motion)
-        return self._ways[key][1](clipped(time_s, motion))
+            self._ways[key] = _Way(gait=self, motion=motion)
+        return self._ways[key](clipped(time_s, motion))
 
-    def _way(self, motion: Motion) -> Way:
-        """Build the curve of the strides from the start of a motion on: cubic between nodes, with the rate at each."""
-        first_s, last_s = motion.span_s
-        time_s = np.linspace(first_s, last_s, max(int(np.ceil((last_s - first_s) / NODE_S)), 1) + 1)
-        middle_s = 0.5 * (time_s[1:] + time_s[:-1])
-        rate, between = (self._rate_hz(motion.at(times)) for times in (time_s, middle_s))
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class _Way:
+    """Strides from the start of a motion on: a curve, cubic between nodes, with the rate at each; as far as was asked.
+
+    Attributes:
+        known: times of the nodes so far, and strides and rate at each
+    """
+
+    gait: Gait
+    motion: Motion
+    known: tuple[Numbers, Numbers, Numbers] = (np.zeros(0), np.zeros(1), np.zeros(0))
+
+    def __call__(self, time_s: Numbers) -> Numbers:
+        """(n,) strides at (n,) times in the motion's span."""
+        first_s, last_s = self.motion.span_s
+        steps = max(int(np.ceil((last_s - first_s) / NODE_S)), 1)
+        share = (float(time_s.max(initial=first_s)) - first_s) / (last_s - first_s)
+        needed = min(int(share * steps) + 2, steps + 1)
+        # Other threads ask, too: each goes by what it has seen.
+        known = self.known
+        if needed > len(known[0]):
+            known = self.known = self._grown(known, np.linspace(first_s, last_s, steps + 1), needed)
+        return _curve(*known, time_s)
+
+    def _grown(
+        self, known: tuple[Numbers, Numbers, Numbers], all_s: Numbers, needed: int
+    ) -> tuple[Numbers, Numbers, Numbers]:
+        known_s, strides, rate = known
+        nodes_s = all_s[max(len(known_s) - 1, 0) : NODES * -(-needed // NODES)]
+        rates, between = (
+            self.gait._rate_hz(self.motion.at(times_s)) for times_s in (nodes_s, 0.5 * (nodes_s[1:] + nodes_s[:-1]))
+        )
         # Simpson's rule.
-        passed = np.diff(time_s) / 6.0 * (rate[:-1] + 4.0 * between + rate[1:])
-        return functools.partial(_curve, time_s, np.concatenate([[0.0], np.cumsum(passed)]), rate)
+        passed = np.diff(nodes_s) / 6.0 * (rates[:-1] + 4.0 * between + rates[1:])
+        sums = np.cumsum(np.concatenate([strides[-1:], passed]))
+        new = slice(1 if len(known_s) else 0, None)
+        return (
+            np.concatenate([known_s, nodes_s[new]]),
+            np.concatenate([strides, sums[1:]]),
+            np.concatenate([rate, rates[new]]),
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -114,7 +114,7 @@ def test_drawn_bins_have_their_means_in_strong_sun(rate_mhz, dead_ns, fwhm_ns, d
     assert drawn.sum() == pytest.approx(expected.sum(), rel=0.001 * coincidence + total)
 
 
-@pytest.mark.parametrize("rate_mhz", [0.01, 5.0])
+@pytest.mark.parametrize("rate_mhz", chosen(1, [0.01, 5.0]))
 @pytest.mark.parametrize(
     ("stamps", "apart_m", "within"),
     [("first", 3.0, 0.003), ("first", 9.0, 0.003), ("all", 3.0, 0.003), ("all", 6.0, 0.01), ("all", 9.0, 0.003)],
@@ -190,7 +190,15 @@ def test_drawn_bins_behind_a_strong_echo_are_those_of_photons_one_by_one(dead_ti
 
 @pytest.mark.parametrize(
     ("stamps", "dead_ns", "scale", "within"),
-    [("first", 12.0, 0.02, 0.005), ("all", 20.0, 0.02, 0.005), ("all", 20.0, 0.2, 0.02), ("all", 300.0, 0.02, 0.005)],
+    chosen(
+        2,
+        [
+            ("first", 12.0, 0.02, 0.005),
+            ("all", 20.0, 0.02, 0.005),
+            ("all", 20.0, 0.2, 0.02),
+            ("all", 300.0, 0.02, 0.005),
+        ],
+    ),
 )
 def test_spads_that_fog_has_fired_are_missing_in_the_bins_of_a_wall(stamps, dead_ns, scale, within):
     """Rationale: fog before the wall fires a third of the SPADs or more, of which those of the last dead time are
@@ -243,7 +251,7 @@ def test_photons_of_an_echo_and_the_flank_of_one(rate_mhz):
     assert abs(np.mean(early_s)) < 1e-10 + 4.5 * np.std(early_s) / math.sqrt(len(early_s))
 
 
-@pytest.mark.parametrize(("rate_mhz", "dead_ns"), [(100.0, 5.3), (150.0, 20.0)])
+@pytest.mark.parametrize(("rate_mhz", "dead_ns"), chosen(1, [(100.0, 5.3), (150.0, 20.0)]))
 def test_drawn_bins_have_means_and_covariances_of_photons_one_by_one(rate_mhz, dead_ns):
     """Rationale: counts within a dead time exclude each other, those a dead time apart attract each other, and the
     filter's noise is the sum of both. Reference: 800 histograms of 3,200 SPADs and shots, each followed from one firing

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers import chain, photons
 from helpers.mistakes import told
+from helpers.run_seed import chosen
 
 from lidarscene import Simulator
 from lidarscene.detection import receiver
@@ -111,7 +112,7 @@ def test_neighbours_on_other_surfaces_share_the_noise_and_not_the_range(seed):
         assert measured == pytest.approx(expected, abs=0.006 + 1.45 * 4.5 / np.sqrt(pairs))
 
 
-@pytest.mark.parametrize("step_mm", [0.0, 6.0, 24.0])
+@pytest.mark.parametrize("step_mm", chosen(1, [0.0, 6.0, 24.0]))
 def test_columns_count_less_where_a_surface_leans(step_mm, seed):
     """Boards whose ranges differ by so much from column to column: size and correlation of the noise are those of
     drawn numbers in a mean whose weights fall with the difference, to 5 standard errors, and the ranges have no bias.

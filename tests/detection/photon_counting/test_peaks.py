@@ -278,7 +278,7 @@ SUN = {
 """Light from lambda tau = 0.05 to 3 on sensors of the tests, at the threshold, and on the Sony array."""
 
 
-@pytest.mark.parametrize("case", chosen(8, list(SUN)))
+@pytest.mark.parametrize("case", chosen(4, list(SUN)))
 def test_the_share_found_in_strong_sun_is_the_probability(case):
     """6,000 echoes over the places in a bin: 4 standard errors (false alarms of 6e-5 each), and 0.01 for the gain of
     the search (T98). A background that is 3 % off makes 0.3 to 0.6, a shadow to first order 0.05 to 0.6.
@@ -292,7 +292,9 @@ def test_the_share_found_in_strong_sun_is_the_probability(case):
     assert share == pytest.approx(expected, abs=0.01 + 4.0 * math.sqrt(expected * (1.0 - expected) / 6000))
 
 
-@pytest.mark.parametrize("case", ["60 MHz, 5 ns", "150 MHz, 20 ns", "300 MHz, 10 ns, few SPADs", "Sony, 80 %, 216.6 m"])
+@pytest.mark.parametrize(
+    "case", chosen(2, ["60 MHz, 5 ns", "150 MHz, 20 ns", "300 MHz, 10 ns, few SPADs", "Sony, 80 %, 216.6 m"])
+)
 def test_the_share_found_in_strong_sun_is_that_of_photons_one_by_one(case):
     """Every SPAD followed from one firing to the next, 500 histograms: 4 standard errors of both shares."""
     counter, light = SUN[case](6000)
@@ -335,15 +337,18 @@ def test_the_share_of_first_photons_found_is_that_of_photons_one_by_one():
 
 @pytest.mark.parametrize(
     ("rate_mhz", "dead_ns", "apart_m", "above", "keys"),
-    [
-        (0.01, 20.0, 2.85, 2.0, ()),
-        (20.0, 20.0, 3.45, 0.0, ()),
-        (20.0, 20.0, 4.8, 0.0, ()),
-        (20.0, 20.0, 6.3, 0.0, ()),
-        (60.0, 12.0, 2.9, 0.0, ()),
-        (60.0, 12.0, 3.8, 0.0, ()),
-        (1.0, 12.0, 3.0, 12.0, ("detector.stamps='first'",)),
-    ],
+    chosen(
+        3,
+        [
+            (0.01, 20.0, 2.85, 2.0, ()),
+            (20.0, 20.0, 3.45, 0.0, ()),
+            (20.0, 20.0, 4.8, 0.0, ()),
+            (20.0, 20.0, 6.3, 0.0, ()),
+            (60.0, 12.0, 2.9, 0.0, ()),
+            (60.0, 12.0, 3.8, 0.0, ()),
+            (1.0, 12.0, 3.0, 12.0, ("detector.stamps='first'",)),
+        ],
+    ),
 )
 def test_a_second_echo_is_found_as_often_as_its_probability(rate_mhz, dead_ns, apart_m, above, keys):
     """Rationale: an echo of one detection has fired its SPADs, which are blind, or back and more than in even light,
@@ -559,7 +564,7 @@ def test_two_boards_are_two_returns_and_the_first_shades_the_second():
         assert stops[1].true_range_m.mean() == pytest.approx(30.0 + apart, abs=0.03)
 
 
-@pytest.mark.parametrize(("background_w", "apart"), [(1e-12, 1.8), (1e-12, 2.0), (1e-10, 2.0)])
+@pytest.mark.parametrize(("background_w", "apart"), chosen(1, [(1e-12, 1.8), (1e-12, 2.0), (1e-10, 2.0)]))
 def test_echoes_that_merge_are_found_as_often_as_their_broad_peak(background_w, apart):
     """Two boards ``apart`` widths of the filter's output: whole histograms, filtered and searched by other code,
     against P_d. 4 standard errors of 1200 pulses and 0.02 of the law (T98a); a lone echo's is 0.12 to 0.17 too low.
@@ -636,7 +641,7 @@ def test_the_raw_range_of_strong_echoes_is_short_by_their_pile_up(detections):
     assert apart.mean() == pytest.approx(expected, abs=4.0 * apart.std() / math.sqrt(2000) - 0.02 * expected)
 
 
-@pytest.mark.parametrize(("rate_mhz", "detections"), [(1.0, 3.0), (60.0, 3.0), (60.0, 10.0), (200.0, 10.0)])
+@pytest.mark.parametrize(("rate_mhz", "detections"), chosen(2, [(1.0, 3.0), (60.0, 3.0), (60.0, 10.0), (200.0, 10.0)]))
 def test_the_place_of_a_strong_echo_scatters_as_that_of_single_firings(rate_mhz, detections):
     """Rationale: in the sun a strong echo draws more SPADs than are free before it, so its peak is high and not narrow.
     Reference: 300 histograms of SPADs followed from one firing to the next, filtered and searched here; 4 standard
@@ -740,18 +745,21 @@ def peaks_of_events(rng, counter, light, apart_m, points):
 
 @pytest.mark.parametrize(
     ("rate_mhz", "bin_ns", "photons_of_echoes", "apart_m"),
-    [
-        (0.001, 1.0, (150.0, 150.0), 0.4),
-        (0.001, 1.0, (150.0, 150.0), 0.7),
-        (0.001, 0.5, (15.0, 150.0), 1.0),
-        (0.001, 1.0, (150.0, 15.0), 1.0),
-        (0.001, 1.0, (50.0, 150.0), 0.9),
-        (5.0, 0.5, (50.0, 150.0), 0.8),
-        (5.0, 0.5, (150.0, 50.0), 0.9),
-        (5.0, 1.0, (30.0, 30.0), 0.7),
-        (5.0, 1.0, (150.0, 15.0), 1.15),
-        (5.0, 1.0, (30.0, 150.0), 2.0),
-    ],
+    chosen(
+        5,
+        [
+            (0.001, 1.0, (150.0, 150.0), 0.4),
+            (0.001, 1.0, (150.0, 150.0), 0.7),
+            (0.001, 0.5, (15.0, 150.0), 1.0),
+            (0.001, 1.0, (150.0, 15.0), 1.0),
+            (0.001, 1.0, (50.0, 150.0), 0.9),
+            (5.0, 0.5, (50.0, 150.0), 0.8),
+            (5.0, 0.5, (150.0, 50.0), 0.9),
+            (5.0, 1.0, (30.0, 30.0), 0.7),
+            (5.0, 1.0, (150.0, 15.0), 1.15),
+            (5.0, 1.0, (30.0, 150.0), 2.0),
+        ],
+    ),
 )
 def test_echoes_that_merge_or_lie_on_a_flank_are_found_as_often_as_by_photons(
     rate_mhz, bin_ns, photons_of_echoes, apart_m
@@ -1007,7 +1015,7 @@ REVIVED = [
 """lambda tau, tau [ns] and Lambda."""
 
 
-@pytest.mark.parametrize("case", REVIVED)
+@pytest.mark.parametrize("case", chosen(3, list(REVIVED)))
 def test_spads_that_come_back_together_make_a_return(case):
     """Shares of points with a return a dead time behind the echo: SPADs followed from one firing to the next, 200
     histograms, and 3,000 drawn. 4 standard errors of both (one run in 15,000 fails), and 0.02 for a wider search in
@@ -1059,7 +1067,7 @@ HUMPS = {
 """lambda tau, tau [ns], Lambda, and keys."""
 
 
-@pytest.mark.parametrize("case", HUMPS)
+@pytest.mark.parametrize("case", chosen(3, list(HUMPS)))
 def test_spads_that_come_back_make_a_hump_as_high_as_of_photons_one_by_one(case):
     """The highest value of the filter where SPADs come back: mean and deviation over 200 histograms of SPADs that are
     followed from one firing to the next, and 2,000 drawn ones, searched in the same bins.

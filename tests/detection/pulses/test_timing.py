@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from helpers import trains
 from helpers.readings import CLEAN, on_light
+from helpers.run_seed import chosen
 from helpers.trains import FWHM_S, SIGMA_S, detect
 from scipy.constants import c
 from scipy.special import erf
@@ -260,7 +261,7 @@ WITH_BRIGHTER = ("tdc.stops=2", "tdc.keep='strongest'")
 
 
 @pytest.mark.parametrize("walk", ["corrected", "none"])
-@pytest.mark.parametrize("rule", ["leading_edge", *RULES])
+@pytest.mark.parametrize("rule", chosen(2, ["leading_edge", *RULES]))
 def test_a_pulse_on_light_that_lasts_is_timed_as_if_alone(rule, walk):
     """Its range without noise to speak of is its own, to 0.2 % of sigma_p for noise of 1e-4 of U, and its amplitude
     that of all light; behind a matched filter light that lasts is sqrt(2) times as high, by (T80) less where both mix.
@@ -291,7 +292,7 @@ def time_scatter(rule, signal):
 
 
 @pytest.mark.parametrize(("rule", "too_much"), [("peak", 1.04), ("matched_filter", 1.35)])
-@pytest.mark.parametrize("lasting", [0.5, 3.0])
+@pytest.mark.parametrize("lasting", chosen(1, [0.5, 3.0]))
 def test_light_that_lasts_does_not_blur_a_peak(lasting, rule, too_much):
     """Steady light adds nothing to where a pulse's peak is: the scatter is that of the pulse alone, which fine samples
     of both in noise have. 4 % for curvature, beside chi-square at 1e-6 on either side.

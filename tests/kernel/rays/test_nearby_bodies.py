@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from helpers import chain, launches
+from helpers.run_seed import chosen
 from helpers.traffic import SENSOR, direction, moving, traffic
 
 from lidarscene import load_scene
@@ -106,7 +107,7 @@ def nearest_hit_m(origin: np.ndarray, towards: np.ndarray, part: Part) -> np.nda
     return nearest
 
 
-@pytest.mark.parametrize("shapes", [1, 7])
+@pytest.mark.parametrize("shapes", chosen(1, [1, 7]))
 def test_the_nearest_of_a_loop_over_all_bodies(shapes: int) -> None:
     """Each beam is carried into the frame of every body as it stands when that beam leaves, in double precision.
 

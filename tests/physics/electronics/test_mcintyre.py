@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from helpers import chain
+from helpers.run_seed import chosen
 from scipy.integrate import quad
 from scipy.special import gammaln
 from scipy.stats import invgauss, nbinom, norm, poisson
@@ -218,7 +219,7 @@ def test_on_the_device(mi):
     np.testing.assert_allclose(computed.numpy(), expected, rtol=5e-3)
 
 
-@pytest.mark.parametrize("counted", ["published", "crossings"])
+@pytest.mark.parametrize("counted", chosen(1, ["published", "crossings"]))
 def test_rendered_false_alarms(mi, counted):
     """`detector.tail` in a frame: a million beams at a target in full sun; 4 standard errors."""
     fine = [

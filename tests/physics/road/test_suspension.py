@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from helpers.roads import output_spectrum, wheel_spectrum
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 from lidarscene.physics.constants import STANDARD_GRAVITY_M_S2
-from lidarscene.physics.road.suspension import Suspension
+from lidarscene.physics.road.suspension import Suspension, matrix_exponential
 
 CAR = Suspension()
 HEAVE, PITCH, ROLL = range(3)
@@ -133,3 +134,13 @@ def test_roll_against_heave_is_that_of_a_recorded_car() -> None:
     vertical_m_s2 = rms(HEAVE, 2, 0.7, 20.0)
     assert np.degrees(rms(ROLL, 1, 3.0, 8.0)) / vertical_m_s2 == pytest.approx(0.90, rel=0.25)
     assert np.degrees(rms(ROLL, 1, 8.0, 20.0)) / vertical_m_s2 == pytest.approx(0.54, rel=0.25)
+
+
+def test_exponential_is_that_of_a_library() -> None:
+    """Of matrices that decay, turn, are nilpotent, and of any norm."""
+    random = np.random.default_rng(7)
+    for norm in (0.0, 1e-6, 0.3, 8.0, 60.0):
+        matrix = np.triu(random.normal(size=(6, 6)), random.integers(-5, 2))
+        matrix *= norm / max(np.abs(matrix).sum(), 1e-9)
+        exact = expm(matrix)
+        np.testing.assert_allclose(matrix_exponential(matrix), exact, rtol=0.0, atol=1e-12 * np.abs(exact).max())

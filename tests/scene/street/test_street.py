@@ -2,6 +2,7 @@
 
 import itertools
 from collections import Counter
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.run_seed import chosen
-from helpers.sheets import grounds
+from helpers.sheets import grounds, scene_of
 from scipy.special import fresnel
 
 from lidarscene import catalog
@@ -90,7 +91,9 @@ LOOP = {"loop": True, "laps": 1, "length_m": 900.0}
 JUNCTIONS = LOOP | {"corners": "junctions"}
 
 
-@pytest.mark.parametrize("keys", [{"lanes": 1}, {"lanes": 2}, {"lanes": 3}, LOOP, JUNCTIONS, JUNCTIONS | {"lanes": 2}])
+@pytest.mark.parametrize(
+    "keys", chosen(3, [{"lanes": 1}, {"lanes": 2}, {"lanes": 3}, LOOP, JUNCTIONS, JUNCTIONS | {"lanes": 2}])
+)
 @pytest.mark.parametrize("seed", chosen(1, [1, 2, 3]))
 def test_nothing_that_stands_overlaps(seed: int, keys: dict[str, object]) -> None:
     """Houses, parked cars, trunks, posts and people are apart from each other and clear of all lanes and crossings."""
@@ -106,8 +109,7 @@ def test_nothing_that_stands_overlaps(seed: int, keys: dict[str, object]) -> Non
     assert on_roads(layout) == []
 
 
-@pytest.mark.parametrize("pavement_m", [2.8, 6.0, 10.0])
-@pytest.mark.parametrize("lanes", [1, 2, 3])
+@pytest.mark.parametrize(("lanes", "pavement_m"), chosen(2, [*itertools.product((1, 2, 3), (2.8, 6.0, 10.0))]))
 def test_nothing_stands_on_the_streets_that_lead_away_from_junctions(lanes: int, pavement_m: float) -> None:
     """Their room is taken from one end to the other, whatever the widths, before anything is built."""
     layout = laid.lay_out(street(1, **JUNCTIONS | {"length_m": 1200.0, "lanes": lanes, "pavement_m": pavement_m}))
@@ -138,7 +140,7 @@ def ribbon(layout: laid.Layout, x_m: np.ndarray, y_m: np.ndarray, size_m: tuple[
     return np.stack([east_m, north_m], axis=-1)[:, None] + signs[:, :1] * ahead[:, None] + signs[:, 1:] * left[:, None]
 
 
-@pytest.mark.parametrize("keys", [{"lanes": 1}, {"lanes": 2, "bend_deg": (0.0, 0.0)}, LOOP, JUNCTIONS])
+@pytest.mark.parametrize("keys", chosen(2, [{"lanes": 1}, {"lanes": 2, "bend_deg": (0.0, 0.0)}, LOOP, JUNCTIONS]))
 @pytest.mark.parametrize("seed", chosen(1, [1, 2, 3]))
 def test_nobody_collides(seed: int, keys: dict[str, object]) -> None:
     """All the time, nobody who moves overlaps with anybody, nor with what stands; every half second and between."""
@@ -170,10 +172,11 @@ def test_the_way_is_driven_to_its_end_by_the_rules(seed: int) -> None:
     """The way goes from 0 to its length, never back, never faster than a driver wants, never braking harder than
     drivers do.
 
-    It waits at crossings, and there is always traffic.
+    It brakes for whoever crosses, even if they are across before it stands, and there is always traffic.
     """
     file = street(seed, length_m=1000.0, stop_share=1.0)
-    traffic = driven.drive(laid.lay_out(file))
+    layout = laid.lay_out(file)
+    traffic = driven.drive(layout)
     ego = traffic.ego
     assert ego.x_m[0] == pytest.approx(0.0, abs=1e-9)
     assert ego.x_m[-1] == pytest.approx(1000.0, abs=1.0)
@@ -182,8 +185,9 @@ def test_the_way_is_driven_to_its_end_by_the_rules(seed: int) -> None:
     assert speed_m_s.max() <= file.speed_m_s[1]
     # A mean over half a second brakes no harder than the hardest moment.
     assert np.diff(speed_m_s).min() / 0.5 > -driven.HARDEST_M_S2
-    waits = (speed_m_s[:-20] < 0.2).sum()
-    assert waits
+    lines_m = [crossing.stop_x_m(1) for crossing in layout.crossings if 30.0 < crossing.x_m < 980.0]
+    before = [(ego.x_m[1:] > line_m - 15.0) & (ego.x_m[1:] < line_m) for line_m in lines_m]
+    assert all(speed_m_s[near].min() < 0.7 * file.speed_m_s[0] for near in before)
     present = [((t.time_s[0] <= ego.time_s) & (ego.time_s <= t.time_s[-1])) for t in traffic.others]
     at_a_time = np.sum(present, axis=0)
     assert at_a_time.min() >= 4
@@ -254,7 +258,7 @@ def test_a_line_is_the_integral_of_its_curvature() -> None:
     np.testing.assert_allclose(line.at(np.array([-30.0]), np.array([2.0]))[0], [-30.0, 2.0, 0.0], atol=1e-12)
 
 
-@pytest.mark.parametrize("corners", ["bends", "junctions"])
+@pytest.mark.parametrize("corners", chosen(1, ["bends", "junctions"]))
 def test_a_loop_closes(corners: str) -> None:
     """It turns by 360 degrees; the vehicle comes back to the pose it left from, and brakes for the bends.
 
@@ -332,7 +336,7 @@ def test_each_stop_line_lies_where_drivers_stop() -> None:
     assert gaps_m.min(axis=0).max() < 0.3
 
 
-@pytest.mark.parametrize("loop", [False, True])
+@pytest.mark.parametrize("loop", chosen(1, [False, True]))
 def test_kerbs_go_round_the_corners_of_streets_that_cross(loop: bool) -> None:
     """Four at each, 0.15 m wide and as long as a pavement with its kerb, between those along both streets."""
     files = (street(seed, length_m=900.0, loop=loop) for seed in itertools.count(4))
@@ -360,7 +364,7 @@ def test_kerbs_go_round_the_corners_of_streets_that_cross(loop: bool) -> None:
     assert 2.0 * blocks_m - pavement_m == pytest.approx(len(expected) * laid.KERB_M, abs=0.15)
 
 
-@pytest.mark.parametrize(("seed", "lanes", "pavement_m"), [(1, 1, 10.0), (2, 3, 3.2), (3, 2, 3.2)])
+@pytest.mark.parametrize(("seed", "lanes", "pavement_m"), chosen(1, [(1, 1, 10.0), (2, 3, 3.2), (3, 2, 3.2)]))
 def test_a_junction_is_road_and_pavement_without_a_gap_and_the_lanes_are_on_its_road(
     seed: int, lanes: int, pavement_m: float, tmp_path: Path
 ) -> None:
@@ -409,8 +413,10 @@ def test_traffic_lights_stand_by_stop_lines_and_face_those_who_wait() -> None:
             assert np.cos(np.radians(light[2])) == pytest.approx(-to), "its front is where they come from"
 
 
-def bodies_of(seeds: range) -> list[dict[str, Any]]:
-    return [body for seed in seeds for body in street_tables(street(seed, parked_share=(0.5, 1.0)))["bodies"]]
+@cache
+def layouts() -> list[laid.Layout]:
+    """Forty streets full of parked vehicles."""
+    return [laid.lay_out(street(seed, parked_share=(0.5, 1.0))) for seed in range(1, 41)]
 
 
 def test_a_thousand_vehicles_are_of_all_classes_by_their_shares_and_as_long_as_real_ones() -> None:
@@ -420,10 +426,11 @@ def test_a_thousand_vehicles_are_of_all_classes_by_their_shares_and_as_long_as_r
     Rationale: with three of 1,500 one of the fourteen was beyond in a run of 25.
     """
     parked = [
-        (shapes()[body["name"]], catalog.vehicles()[shapes()[body["name"]].mesh])
-        for body in bodies_of(range(1, 25))
-        for _ in body.get("instances", ())
-        if body["name"].startswith("parked")
+        (shapes()[name], catalog.vehicles()[shapes()[name].mesh])
+        for layout in layouts()
+        for name, places in layout.items.items()
+        for _ in places
+        if name.startswith("parked")
     ]
     assert len(parked) > 2000
     parked_shares = catalog.street_parts()["parked"]
@@ -450,7 +457,7 @@ def test_lorries_and_buses_drive_where_the_street_is_straight_enough_for_them() 
     On straight streets some of all that drive have 16 m and more.
     """
     for bend_deg in ((10.0, 60.0), (0.0, 0.0)):
-        for seed in range(1, 5):
+        for seed in (1, 2):
             layout = laid.lay_out(street(seed, bend_deg=bend_deg))
             names = [track.name for track in driven.drive(layout).others if "traffic" in track.name]
             sharpest_per_m = layout.line.sharpest_per_m(layout.begin_m, layout.end_m)
@@ -473,10 +480,7 @@ def test_streets_of_different_seeds_have_different_houses_and_trees() -> None:
 
     All houses come up on forty; rationale: on ten streets one was missing in one of five runs.
     """
-    kinds = [
-        {name for name in laid.lay_out(street(seed)).items if name.startswith(("houses", "trees"))}
-        for seed in range(1, 41)
-    ]
+    kinds = [{name for name in layout.items if name.startswith(("houses", "trees"))} for layout in layouts()]
     shared = [len(a & b) / len(a | b) for a, b in itertools.combinations(kinds[:10], 2)]
     assert np.median(shared) < 0.5
     houses = {shapes()[name].mesh for each in kinds for name in each if name.startswith("houses")}
@@ -553,7 +557,7 @@ def test_heights_are_sums_of_slopes() -> None:
 
 
 @pytest.mark.parametrize("keys", [LOOP, JUNCTIONS, {}])
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", chosen(1, [1, 2, 3]))
 def test_hills_are_as_steep_as_asked_and_level_at_crossings(seed: int, keys: dict[str, Any]) -> None:
     """A loop is as high at its end as at its begin, for which all its slopes change by as much."""
     layout = laid.lay_out(street(seed, **{"length_m": 900.0, "slope_percent": (4.0, 8.0), **keys}))
@@ -586,7 +590,7 @@ def hills(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_nothing_floats_on_hills(hills: Path) -> None:
     """Soil is 0 to 0.25 m below roads, whose sides reach down 0.3 m; houses stand in it, and not deep."""
-    soil, roads, scene = grounds(hills, "terrain"), grounds(hills, "road", "pavement", "kerb"), load_scene(hills)
+    soil, roads, scene = grounds(hills, "terrain"), grounds(hills, "road", "pavement", "kerb"), scene_of(hills)
     for sheet in roads.sheets:
         place_m = sheet.pose.apply(sheet.vertices_m.reshape(-1, 3))
         raised_m = 0.0 if sheet.pose.position_m[2] != 0.12 else 0.12
@@ -603,7 +607,7 @@ def test_nothing_floats_on_hills(hills: Path) -> None:
 
 def test_who_parks_drives_and_walks_on_a_hill_is_along_its_slope(hills: Path) -> None:
     """Axes of bodies against the heights of the ground ahead and behind; houses, lamps and trees are upright."""
-    ground, scene, slopes = grounds(hills, "road", "pavement"), load_scene(hills), []
+    ground, scene, slopes = grounds(hills, "road", "pavement"), scene_of(hills), []
     for body in scene.bodies:
         if body.class_name in ("pole", "sign", "building", "vegetation") and "hedge" not in body.name:
             np.testing.assert_allclose(body.pose.rotation[:, 2], [0.0, 0.0, 1.0], atol=1e-12)

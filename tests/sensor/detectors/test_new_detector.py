@@ -60,7 +60,7 @@ def newcomer(tmp_path_factory):
         "range pin.toml",
         "range pin.toml --sensitivities",
         "range pin.toml --eye-safety",
-        "compare car --sensors pin.toml,table1-apd -o compared",
+        "compare car --sensors pin.toml,apd.toml -o compared",
         "fov pin.toml -o fov",
         "schema sensor",
         "check pin.toml",

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from helpers import photons
+from helpers.run_seed import chosen
 from helpers.trains import train
 from scipy import ndimage
 
@@ -92,7 +93,7 @@ def test_the_threshold_of_first_photons_is_that_of_the_window(least):
 
 @pytest.mark.parametrize(
     ("rate_mhz", "dead_ns", "within"),
-    [(20.0, 12.0, 0.0), (20.0, 4.0, 0.0), (60.0, 12.0, 0.0), (60.0, 5.0, 0.007), (100.0, 5.0, 0.016)],
+    chosen(2, [(20.0, 12.0, 0.0), (20.0, 4.0, 0.0), (60.0, 12.0, 0.0), (60.0, 5.0, 0.007), (100.0, 5.0, 0.016)]),
 )
 def test_dead_time_narrows_the_noise_of_the_filter(rate_mhz, dead_ns, within):
     """`variance_share`: 1,000 SPADs for 1.5 us, each followed from one firing to the next; four standard errors of the
@@ -115,8 +116,8 @@ def test_dead_time_narrows_the_noise_of_the_filter(rate_mhz, dead_ns, within):
 def test_afterpulses_widen_the_noise_of_the_filter():
     """Rationale: an afterpulse within the template counts with the firing before it: 5 % more variance with a dead time
     of 3 ns and 15 % that fire again, 4 ns later on average.
-    Reference: 20,000 SPADs for 0.2 us at 10 MHz, each followed from one firing to the next.
-    Tolerance: four standard errors, 2.2 %; 0.5 % for afterpulses of afterpulses.
+    Reference: 10,000 SPADs for 0.2 us at 10 MHz, each followed from one firing to the next.
+    Tolerance: four standard errors, 3.1 %; 0.5 % for afterpulses of afterpulses.
     """
     keys = ("histogram.bin_ns=0.5", "detector.dead_time_ns=3", "detector.jitter_ps=2000", "laser.pulse_fwhm_ns=3")
     afterpulses = ("detector.afterpulse=0.15", "detector.afterpulse_ns=4")
@@ -126,11 +127,11 @@ def test_afterpulses_widen_the_noise_of_the_filter():
     w = 1e9 * matched_filter.TEMPLATE * float(pixel.sigma_s)
     template = np.exp(-0.5 * (0.5 * np.arange(-24, 25) / w) ** 2)
     options = {"rate_per_ns": 0.01, "dead": 3.0, "bins": 500, "bin_ns": 0.5, "afterpulse": (0.15, 4.0)}
-    counts = photons.renewal_counts(np.random.default_rng(5), (20_000, 1), **options)[:, 80:]
+    counts = photons.renewal_counts(np.random.default_rng(5), (10_000, 1), **options)[:, 80:]
     assert counts.mean() == pytest.approx(float(pixel.free[0] * pixel.rate_hz[0]) * 0.5e-9, rel=0.03)
     filtered = ndimage.convolve1d(counts, template, axis=1)[:, 24:-24]
     share = filtered.var(axis=0).mean() / (counts.mean() * np.sum(template**2))
-    independent = 20_000 * 200 / (3.5 * w)
+    independent = 10_000 * 200 / (3.5 * w)
     # Few counts have more scatter of their variance than a Gaussian: by the fourth cumulant.
     fourth = np.mean((filtered - filtered.mean()) ** 4) / filtered.var() ** 2
     error = share * math.sqrt((fourth - 1.0) / independent)

@@ -176,6 +176,22 @@ def test_the_ground_is_completed_behind_a_box_and_where_nothing_came_back() -> N
     assert is_lost.sum() > 50
 
 
+@pytest.mark.parametrize(("power_w", "least", "most"), [(33.0, 0, 0), (1e-6, 100, 130)])
+def test_ground_that_no_receiver_can_have_lost_is_hidden_by_something(power_w: float, least: int, most: int) -> None:
+    """The carrier's hood: 6 x 20 pulses without a return from ground metres away. A weak sensor may have lost them."""
+    plain = room_sweep()
+    hood = slice(RINGS - 6, RINGS), slice(200, 220)
+    range_m, intensity = np.array(plain.range_m), np.array(plain.reflectivity, float)
+    range_m[hood], intensity[hood] = np.nan, np.nan
+    sweep = room_sweep(range_m=range_m, intensity=intensity, signal=None, reflectivity=None)
+    sensor = load_sensor("vlp-16", overrides=[f"laser.peak_power_w={power_w}"])
+    quads = surfels_of_grid(align_columns(sweep), ReflectivityGauge.from_sweep(sweep, sensor), GROUND_PLANE)
+    near = quads.corners_m[quads.kind == GROUND].mean(axis=1)
+    azimuth = np.degrees(np.arctan2(near[:, 1], near[:, 0]))
+    in_hood = (azimuth > -40.5) & (azimuth < -19.0) & (np.hypot(near[:, 0], near[:, 1]) < 7.0)
+    assert least <= in_hood.sum() <= most
+
+
 def test_no_ground_is_seen_through_a_roof() -> None:
     """A car's dark side gave nothing back below returns of a roof: the ground there is hidden, not black."""
     plain = room_sweep()

@@ -30,7 +30,7 @@ from ...maths.vectors import Vector
 from ..device import transfer
 from ..device.backend import mitsuba
 from ..device.types import Bsdf, DeviceVector, Interaction, Ray, components
-from ..world.mitsuba_world import World
+from ..world.mitsuba_world import World, placed_movers
 from .gaps import Draws, gap_share
 from .glints import specular_return
 from .meeting import Meeting, Moment
@@ -91,7 +91,9 @@ def trace(
     """
     mi = mitsuba()
     firing = firing or Firing()
-    moving = moving or world.resting
+    if moving is None and world.movers:
+        poses = [mover.body.pose for mover in world.movers]
+        moving = placed_movers(world.movers, poses, centre_m=world.centre_m)
     moment = Moment(
         world=world,
         sun=sun,

@@ -84,7 +84,6 @@ class World:
         movers: what moves
         mover_scene: Mitsuba scene of all of them, without panes and porous surfaces; None if there is nothing
         mover_panes: likewise of these
-        resting: where that is at time 0, numbers on the device; None if nothing moves
         mover_rows: (movers,) UInt32, the first of the rows of each in `face_body` and `face_material`, one for each
             shape; None if nothing moves
         centre_m: (3,) float64, numpy; subtracted from every coordinate before it became single precision
@@ -112,7 +111,6 @@ class World:
     movers: tuple[Mover, ...]
     mover_scene: MoverScene | None
     mover_panes: MoverScene | None
-    resting: MovingBodies | None
     mover_rows: Any
     centre_m: Numbers
     bsdfs: tuple[Bsdf, ...]
@@ -277,7 +275,6 @@ def build_world(
         movers=tuple(movers),
         mover_scene=mover_scene,
         mover_panes=mover_panes,
-        resting=placed_movers(movers, [mover.body.pose for mover in movers], centre_m=centre) if movers else None,
         centre_m=centre,
         body_class=transfer.whole_numbers(class_numbers),
         body_names=tuple(body_names),

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,6 +28,7 @@ from ...maths.box_tree import CHILDREN, BoxTree
 from ...scene.scene import Body, Part
 from ...scene.walking import LARGEST_LEVEL
 from ..device import transfer
+from ..device.blocks import usable_cores
 from .faces import PlacedShape, registry_number
 
 TRIANGLES = 2
@@ -96,12 +98,13 @@ class Walkers:
             return None
         kind = np.zeros((len(bodies), 8), np.uint32)
         triangle_of_face = np.zeros(total, np.uint32)
-        tables: list[_Kind] = []
         surfaces: list[Numbers] = []
         row, vertex, node, triangle = 0, 0, 0, 0
-        for parts, movers in kinds.items():
-            gait = bodies[movers[0]].gait
-            table = _kind_of(parts, LEVELS if gait is None or gait.stands else (1.0, 1.0))
+        gaits = (bodies[movers[0]].gait for movers in kinds.values())
+        levels_of = [LEVELS if gait is None or gait.stands else (1.0, 1.0) for gait in gaits]
+        with ThreadPoolExecutor(usable_cores()) as pool:
+            tables = list(pool.map(_kind_of, kinds, levels_of))
+        for (parts, movers), table in zip(kinds.items(), tables, strict=True):
             instants, vertices, size = table.instants, len(table.standing) // 4, table.tree.size
             levels = len(table.tree.nodes) // (8 * size * PHASES)
             kind[movers] = row, vertices, vertex, instants, node, size, triangle // TRIANGLES, levels
@@ -110,7 +113,6 @@ class Walkers:
             in_shape = starts + np.concatenate([np.arange(count) for count in counts])[table.order]
             surfaces.append(np.stack([numbers, in_shape], axis=1))
             triangle_of_face[firsts + in_shape] = 1 + triangle + np.arange(len(table.order))
-            tables.append(table)
             row, vertex = row + (instants + 1) * vertices, vertex + vertices
             node, triangle = node + len(table.tree.nodes) // 8, triangle + len(table.order)
         if node >= MOST_NODES:
@@ -196,10 +198,11 @@ def _neighbours_together(middle_m: Numbers) -> Numbers:
     """
     order, starts, counts = np.arange(len(middle_m)), np.array([0]), np.array([len(middle_m)])
     while (large := counts > TRIANGLES).any():
-        part, at_m = np.repeat(np.arange(len(counts)), counts), middle_m[order]
+        part, at_m = np.repeat(np.arange(len(counts), dtype=np.min_scalar_type(len(counts))), counts), middle_m[order]
         reach_m = np.maximum.reduceat(at_m, starts) - np.minimum.reduceat(at_m, starts)
         along_m = np.where(large[part], np.take_along_axis(at_m, reach_m.argmax(axis=1)[part, None], axis=1)[:, 0], 0.0)
-        order = order[np.lexsort((along_m, part))]
+        by_place = np.argsort(along_m, kind="stable")
+        order = order[by_place[np.argsort(part[by_place], kind="stable")]]
         full = np.full(len(counts), TRIANGLES)
         while (grows := full * CHILDREN < counts).any():
             full[grows] *= CHILDREN
@@ -211,34 +214,29 @@ def _neighbours_together(middle_m: Numbers) -> Numbers:
 
 
 def _leaf_boxes(standing: Numbers, stride: Numbers, corners: Numbers, levels: Sequence[float]) -> Numbers:
-    """(phases times levels, leaves, 2, 3) boxes around the triangles of each leaf, at any place of that part.
+    """(phases times levels, 2, 3, leaves) boxes around the triangles of each leaf, at any place of that part.
 
     Between two instants, and between two levels, vertices go straight: a box around both holds what is between.
     """
     bounds = np.linspace(0, len(stride) - 1, PHASES + 1)
-    around = []
-    for first, last in zip(np.floor(bounds[:-1]).astype(int), np.ceil(bounds[1:]).astype(int), strict=True):
-        seen = stride[first : last + 1]
-        around.append(np.stack([seen.min(axis=0), seen.max(axis=0)]))
-    extremes = np.stack(around)  # (phases, 2, v, 3)
-    # A level is a factor, and never negative: lowest stays lowest.
-    at_level = np.stack([standing + np.float32(level) * (extremes - standing) for level in levels], axis=1)
-    # For single precision of what is computed from them, at a metre or two from the origin.
-    low, high = (
-        (around(at_level[:, :-1, side], at_level[:, 1:, side]).astype(np.float64) + margin_m).astype(np.float32)
-        for side, around, margin_m in ((0, np.minimum, -1e-5), (1, np.maximum, 1e-5))
-    )
-    of_leaves = corners.reshape(-1, 3 * TRIANGLES).T
-    boxes = np.stack(
-        [
-            functools.reduce(around, (np.take(corner_m, vertices, axis=2) for vertices in of_leaves))
-            for around, corner_m in ((np.minimum, low), (np.maximum, high))
-        ],
-        axis=3,
-    )
+    factors = np.array(levels, np.float32)[:, None, None]
+    first_corner, *others = corners.reshape(-1, 3 * TRIANGLES).T
+    boxes = np.empty((PHASES, len(levels) - 1, 2, 3, len(first_corner)), np.float32)
+    for of_phase, first, last in zip(
+        boxes, np.floor(bounds[:-1]).astype(int), np.ceil(bounds[1:]).astype(int), strict=True
+    ):
+        # For single precision of what is computed from them, at a metre or two from the origin.
+        for side, around, margin_m in ((0, np.minimum, -1e-5), (1, np.maximum, 1e-5)):
+            # A level is a factor, and never negative: lowest stays lowest.
+            at_level = (standing + factors * (around.reduce(stride[first : last + 1]) - standing)).transpose(0, 2, 1)
+            extremes = (around(at_level[:-1], at_level[1:]).astype(np.float64) + margin_m).astype(np.float32)
+            box = of_phase[:, side]
+            np.take(extremes, first_corner, axis=2, out=box, mode="clip")
+            for corner in others:
+                around(box, np.take(extremes, corner, axis=2, mode="clip"), out=box)
     return boxes.reshape(-1, *boxes.shape[2:])
 
 
 def _fours(rows: Numbers) -> Numbers:
     """Return (n, 3) rows as (4 n,) numbers, the last of each four unused: four neighbours are one load."""
-    return np.pad(rows, ((0, 0), (0, 1))).ravel()
+    return np.concatenate([rows, rows[:, :1]], axis=1).ravel()

@@ -119,14 +119,16 @@ def spot_share(*, profile: str, spot_rad: Lanes, off_axis_rad: Lanes, field_rad:
     within = {"gaussian": gaussian_in_circle, "top_hat": top_hat_in_circle}[profile]
     spot = {"spot_radius": spot_rad, "distance": off_axis_rad}
     ops = xp(spot_rad, off_axis_rad, field_rad, blur_rad)
-    return ops.minimum(
-        ops.maximum(_share_with_blur(lambda r: within(circle_radius=r, **spot), field_rad, blur_rad), 0.0), 1.0
-    )
+    blur_of_each = blur_rad + 0.0 * (spot_rad + off_axis_rad)
+    share = _share_with_blur(lambda r: within(circle_radius=r, **spot), field_rad, blur_of_each)
+    return ops.minimum(ops.maximum(share, 0.0), 1.0)
 
 
 def gaussian_share_on_axis(*, spot_rad: Lanes, field_rad: Lanes, blur_rad: Lanes) -> Lanes:
     """`spot_share` of a Gaussian spot on the axis, where the light within a circle needs no sum of its own."""
-    return _share_with_blur(lambda r: -expm1(-2.0 * r * r / (spot_rad * spot_rad)), field_rad, blur_rad)
+    return _share_with_blur(
+        lambda r: -expm1(-2.0 * r * r / (spot_rad * spot_rad)), field_rad, blur_rad + 0.0 * spot_rad
+    )
 
 
 def _share_with_blur(within: Callable[[Lanes], Lanes], field_rad: Lanes, blur_rad: Lanes) -> Lanes:
@@ -138,13 +140,12 @@ def _share_with_blur(within: Callable[[Lanes], Lanes], field_rad: Lanes, blur_ra
     # Near its start 1 / r^2 may be steep. What the sum misses there is known, because c(r) integrates to pi least^2,
     # and it is added at the start.
     half = 2.0 * blur * field_rad
+    steps = [math.pi * (k + 0.5) / _RADII for k in range(_RADII)]
+    squares = [near * near + half * (1.0 - math.cos(t)) for t in steps]
+    *lights, nearest = ops.each(within, [*map(ops.sqrt, squares), near])
     total: Lanes = 0.0
     missing: Lanes = math.pi * least * least
-    for k in range(_RADII):
-        t = math.pi * (k + 0.5) / _RADII
-        square = near * near + half * (1.0 - math.cos(t))
+    for t, square, light in zip(steps, squares, lights, strict=True):
         weight = (0.5 * math.pi / _RADII * math.sin(t) ** 2) * half * half / square
-        total = total + weight * within(ops.sqrt(square))
-        missing = missing - weight
-    total = total + missing * within(near)
-    return total / (math.pi * blur * blur)
+        total, missing = total + weight * light, missing - weight
+    return (total + missing * nearest) / (math.pi * blur * blur)

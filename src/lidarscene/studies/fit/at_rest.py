@@ -39,7 +39,7 @@ from .near_field import LEAST_BINS
 from .pixels_at_rest import PixelsAtRest
 from .published_fit import POWER
 from .scatter import is_strong
-from .sensor_text import at_rest_changes, get_key, parse_sensor, put_changes
+from .sensor_text import Changes, at_rest_changes, get_key, parse_sensor, put_changes
 from .tuning import (
     LEAST_BROADENING,
     LEAST_LEAN_M,
@@ -101,16 +101,6 @@ def bins_of_pixels(keys: Numbers, changes: Numbers) -> Iterator[tuple[Numbers, N
             yield chosen, squares
 
 
-def board(pixels: PixelsAtRest) -> Target:
-    """Boards that return as much as the pixels, and lean as they do."""
-    return Target(
-        reflectivity=pixels.apparent / pixels.cos_incidence,
-        cos_incidence=pixels.cos_incidence,
-        illuminance_klux=ASSUMED_KLUX,
-        transmittance=1.0,
-    )
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Boards:
     """Bins of pixels of like strength and lean, of which some are read again and again by a sensor.
@@ -128,7 +118,7 @@ class Boards:
     @classmethod
     def of(cls, pixels: PixelsAtRest, sensor: Sensor) -> Boards:
         """Sort pixels by octaves of the lean and of the height in thresholds."""
-        height = np.maximum(detection_margin(sensor, board(pixels), pixels.mean_m), 0.25)
+        height = np.maximum(detection_margin(sensor, pixels.board, pixels.mean_m), 0.25)
         lean = np.log2(np.maximum(pixels.lean_m, LEAST_LEAN_M))
         keys = np.stack([lean, np.log2(height)])
         members = [chosen for chosen, _ in bins_of_pixels(keys, changes_m(pixels.range_m))]
@@ -153,14 +143,14 @@ class Boards:
         """The same of a sensor, with the standard deviation of so few readings; NaN where it reads none."""
         drawn = self.pixels.select(np.concatenate(self.drawn))
         read = drawn.select(np.tile(np.arange(len(drawn.block)), READINGS))  # all at once takes half the time
-        light = replace(echoes_of_plane(sensor, board(read), read.mean_m), row_slope=read.row_slope)
+        light = replace(echoes_of_plane(sensor, read.board, read.mean_m), row_slope=read.row_slope)
         variance = fluctuation_variance(sensor, Target(), read.mean_m)
         # What chatters is lost at random, whatever its range: drawn, it would make the slopes of the scatter noisy.
         steady = replace(sensor, tdc=replace(sensor.tdc, chatter_hz=None))
         range_m = read_boards(steady, light, variance, 0)[0].reshape(READINGS, -1)
         off = np.random.default_rng(0).normal(size=range_m.shape)  # each pulse goes a way of its own
         range_m = range_m + off * pointing_noise_m(sensor, drawn.lean_m)
-        share = detection_probability(sensor, board(drawn), drawn.mean_m)
+        share = detection_probability(sensor, drawn.board, drawn.mean_m)
         members = np.split(np.arange(len(share)), np.cumsum([len(chosen) for chosen in self.drawn])[:-1])
         return Statistics.join(_of_bins(range_m, share, members, drawn.block))
 
@@ -220,7 +210,7 @@ def fit_at_rest(pixels: PixelsAtRest, text: str, where: str) -> FitAtRest:
     laws = {"strengths at rest": energy}
     if sensor.histogram is None:
         laws["floor at rest"] = _floor_and_noise(fitted)
-        laws["ranges at rest"] = _converter(fitted, _changed(text, known), where)
+        laws["ranges at rest"] = _converter(fitted, put_changes(text, _changes(known)), where)
     else:
         laws["ranges at rest"] = _columns(fitted, text, where)
     return FitAtRest(
@@ -242,8 +232,8 @@ def _exponential(index: int) -> Callable[[Numbers], float]:
     return lambda logs: math.exp(logs[index])
 
 
-def _changed(text: str, values: Mapping[str, float]) -> str:
-    return put_changes(text, at_rest_changes({key: (value, "") for key, value in values.items()}))
+def _changes(values: Mapping[str, float]) -> Changes:
+    return at_rest_changes({key: (value, "") for key, value in values.items()})
 
 
 def _energy(pixels: PixelsAtRest, sensor: Sensor) -> Law:
@@ -323,7 +313,7 @@ def _columns(pixels: PixelsAtRest, text: str, where: str) -> Law:
         return (), None, {COLUMNS: "SIGNAL is not recorded"}
     start = float(get_key(text, COLUMNS) or 4.0)
     try:
-        histogram = parse_sensor(put_changes(text, {COLUMNS: (start, "")}), where).histogram
+        histogram = parse_sensor(text, where, {COLUMNS: (start, "")}).histogram
     except InputError as error:
         return (), None, {COLUMNS: str(error)}
     assert histogram is not None
@@ -371,13 +361,13 @@ def _converter(pixels: PixelsAtRest, text: str, where: str) -> Law:
     if STRONG in names and solved is not None:
         assert sensor.tdc.strong_above is not None
         light_times = math.exp(solved.value[names.index(LIGHT)]) if LIGHT in names else 1.0
-        margin = light_times * detection_margin(sensor, board(boards.pixels), boards.pixels.mean_m)
+        margin = light_times * detection_margin(sensor, boards.pixels.board, boards.pixels.mean_m)
         strongest = max(np.median(margin[members]) for members in boards.members)
         if strongest < sensor.tdc.strong_above:  # of weaker ones only what else scatters would be told
             reasons[STRONG] = f"no surface is strong: echoes reach {strongest:.3g} times the threshold"
     if DIVERGENCE in names and solved is not None:
         beam = {DIVERGENCE: math.exp(solved.value[names.index(DIVERGENCE)])}
-        light = echoes_of_plane(parse_sensor(_changed(text, beam), where), board(boards.pixels), boards.pixels.mean_m)
+        light = echoes_of_plane(parse_sensor(text, where, _changes(beam)), boards.pixels.board, boards.pixels.mean_m)
         longest = max(np.median(np.asarray(light.broadening)[members]) for members in boards.members)
         if longest < LEAST_BROADENING:  # near by, what scatters for another reason would widen the beam
             reasons[DIVERGENCE] = f"no surface leans enough: echoes are {longest:.2g} times as long as the pulse"
@@ -399,7 +389,7 @@ def _converter_law(boards: Boards, recorded: Statistics, keys: Sequence[str], te
         """Sensor whose beam may be wider than its field: the light that it then loses is that of LIGHT."""
         values = dict(zip(keys, np.exp(logs).tolist(), strict=True))
         light = given * values.pop(LIGHT)
-        sensor = parse_sensor(_changed(text, values), where)
+        sensor = parse_sensor(text, where, _changes(values))
         power_w = sensor.laser.peak_power_w * light / height_of(sensor)
         return replace(sensor, laser=replace(sensor.laser, peak_power_w=power_w))
 
@@ -480,6 +470,6 @@ def checks_at_rest(boards: Boards, sensor: Sensor) -> Iterator[Held]:
             unit="mm",
         )
     kept = np.isfinite(rest.range_m[1:]).mean(axis=0)
-    found_kept = detection_probability(sensor, board(rest), rest.mean_m)
+    found_kept = detection_probability(sensor, rest.board, rest.mean_m)
     for octave in kept_by_bin(kept, found_kept, rest.mean_m, OCTAVES_M, least=LEAST_OF_BIN):
         yield held_share("share kept at rest", *octave)

@@ -14,7 +14,8 @@ from ...light.hits import relative_row_slope
 from ...maths.arrays import Numbers, map_arrays
 from ...recordings.sweep import Sweep
 from ...sensor.sensor_model import Sensor
-from ..twin.apparent_reflectivity import ReflectivityGauge
+from ..ranging.plane import Target
+from ..twin.apparent_reflectivity import ReflectivityGauge, board
 from ..twin.frame_poses import is_at_rest
 from ..twin.ground import ground_plane
 from ..twin.matched_pulses import strength_of
@@ -54,6 +55,11 @@ class PixelsAtRest:
     def lean_m(self) -> Numbers:
         """(n,) range times tangent of the incidence, to which the length of an echo goes."""
         return lean_of(self.mean_m, self.cos_incidence)
+
+    @property
+    def board(self) -> Target:
+        """Boards that return as much as the pixels, and lean as they do."""
+        return board(self.apparent, self.cos_incidence)
 
     @property
     def fitted(self) -> Numbers:

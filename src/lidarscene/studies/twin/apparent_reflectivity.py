@@ -216,6 +216,16 @@ class ReflectivityGauge:
         return np.asarray(np.exp(log_factor))
 
 
+def board(apparent: Numbers, cos_incidence: Numbers | float = 1.0) -> Target:
+    """Boards that return as much as pixels of these apparent reflectivities, and lean as they do."""
+    return Target(
+        reflectivity=apparent / cos_incidence,
+        cos_incidence=cos_incidence,
+        illuminance_klux=ASSUMED_KLUX,
+        transmittance=1.0,
+    )
+
+
 def _detected_reflectivity(sensor: Sensor, range_m: Numbers) -> Numbers:
     """Reflectivity whose echo is `DETECTED` thresholds high at these ranges in a twin's clear air."""
     target = Target(reflectivity=DIM, illuminance_klux=ASSUMED_KLUX, transmittance=1.0)

@@ -23,9 +23,9 @@ from ...physics.photon_counting import shared_shots
 from ...sensor.histogram import Histogram
 from ...sensor.sensor_model import Sensor
 from ..ranging.plane import Target, echoes_of_plane, fluctuation_variance
-from .apparent_reflectivity import white_signal
+from .apparent_reflectivity import board, white_signal
 from .planes import Grid, Planes, shifted
-from .tuning import ALONG, ASSUMED_KLUX, FAR_M, LEAST_COS, MOST_BEAM_M, NOISE_BINS, NOISE_SHOTS
+from .tuning import ALONG, FAR_M, LEAST_COS, MOST_BEAM_M, NOISE_BINS, NOISE_SHOTS
 
 LAGS = sum(ALONG)
 """Pixels of a row that share in the mean of a mean."""
@@ -61,7 +61,7 @@ class ReadingNoise:
         returned = np.flatnonzero(np.isfinite(range_m))
         shots = np.random.default_rng(0).choice(returned, min(NOISE_SHOTS, len(returned)), replace=False)
         drawn, drawn_m = (values.ravel()[shots] for values in (apparent, range_m))
-        light = _light(sensor, drawn, drawn_m)
+        light = echoes_of_plane(sensor, board(drawn), drawn_m)
         variance = fluctuation_variance(sensor, Target(), drawn_m)
         readings = [read_boards(sensor, light, variance, seed) for seed in (0, 1)]
         read = np.isfinite(readings[0] + readings[1]).all(axis=0)
@@ -73,7 +73,8 @@ class ReadingNoise:
         middle = np.array([np.median(power_w[members]) for members in bins])
         sigma = np.array([[np.sqrt(np.mean(row[members] ** 2)) for members in bins] for row in change])
         all_w = np.full(range_m.shape, np.nan)
-        all_w.flat[returned] = _light(sensor, apparent.flat[returned], range_m.flat[returned]).peak_power_w
+        boards = board(apparent.flat[returned])
+        all_w.flat[returned] = echoes_of_plane(sensor, boards, range_m.flat[returned]).peak_power_w
         range_sigma_m, log_sigma = (np.interp(all_w, middle, row) for row in sigma)
         return cls(range_m=range_sigma_m, log_strength=log_sigma, correlation=_correlation(sensor, step_rad))
 
@@ -85,11 +86,6 @@ def _correlation(sensor: Sensor, step_rad: float) -> Numbers:
         return INDEPENDENT
     weights = [float(weight) for weight in sensor.histogram.window.values()]
     return np.asarray(shared_shots.correlation(weights, round(abs(step_rad) / sensor.histogram.column_rad) * apart))
-
-
-def _light(sensor: Sensor, apparent: Numbers, range_m: Numbers) -> Echoes:
-    target = Target(reflectivity=apparent, illuminance_klux=ASSUMED_KLUX, transmittance=1.0)
-    return echoes_of_plane(sensor, target, range_m)
 
 
 def read_boards(sensor: Sensor, light: Echoes, variance: Lanes | None, seed: int) -> Numbers:

@@ -16,8 +16,10 @@ from ...maths.arrays import Numbers, map_arrays
 from ...maths.pose import Pose
 from ...recordings.sweep import Sweep
 from ...sensor.sensor_model import Sensor
+from ..ranging.plane import detection_probability
 from .apparent_reflectivity import (
     ReflectivityGauge,
+    board,
     largest_reflectivity,
     scattering_law,
     threshold_of,
@@ -40,6 +42,7 @@ from .tuning import (
     QUAD_OVERLAP,
     RANGES_M,
     STEEPEST_SLOPE,
+    SURE,
 )
 
 SMOOTH, ROUGH, FILLED, GROUND, BRIGHT = range(5)
@@ -270,7 +273,11 @@ def _two_return_quads(
 
 
 def _ground(grid: Grid, planes: Planes, apparent: Numbers, ground: Numbers, gauge: ReflectivityGauge | None) -> Surfels:
-    """Quads of the ground's plane behind returns, and where a lost pulse would have met it in sight."""
+    """Quads of the ground's plane behind returns, and where a lost pulse would have met it in sight.
+
+    Ground that the sensor of an intensity could not have lost is not there: the vehicle that carries it, water or a
+    mirror is.
+    """
     sweep = grid.sweep
     up = np.array([-ground[1], -ground[2], 1.0])
     normal = up / np.linalg.norm(up)
@@ -297,6 +304,11 @@ def _ground(grid: Grid, planes: Planes, apparent: Numbers, ground: Numbers, gaug
             strength[octave == number] = np.median(apparent[ground_octave])
     if gauge is not None:
         strength = np.where(sweep.has_return, strength, np.fmin(strength, _reflectivity_bound(grid, gauge, meets_m)))
+        if gauge.field == "intensity" and gauge.sensor is not None:
+            missed = np.flatnonzero(chosen & ~sweep.has_return)
+            cosine = -(sweep.direction.reshape(-1, 3)[missed] @ normal)
+            met_m, ground_boards = meets_m.flat[missed], board(strength.flat[missed], cosine)
+            chosen.flat[missed] = detection_probability(gauge.sensor, ground_boards, met_m) < SURE
     return _quads(grid, chosen, meets_m, np.broadcast_to(normal, (*sweep.shape, 3)), strength, GROUND)
 
 

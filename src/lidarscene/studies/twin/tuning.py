@@ -120,6 +120,9 @@ ON_GROUND_M = 0.1
 BEHIND_M = 0.3
 """Choice: least distance of ground behind a return, so that noise of the range puts none before it."""
 
+SURE = 0.99
+"""Choice: P_d of ground beyond which a lost pulse met something else; 1 of 100 losses is then the detector's."""
+
 LOST_SHARE = 0.5
 """Choice: share of the echo in a lost pulse's highest peak, which may be all echo or all noise."""
 
