@@ -15,6 +15,7 @@ import pytest
 from helpers.documentation import ROOT
 from helpers.in_this_process import draw_roughly
 from helpers.notebooks import run, written
+from helpers.run_seed import chosen
 from helpers.twins import use_few_evaluations, use_few_trees
 
 from lidarscene.formats.registry import SUFFIXES
@@ -55,7 +56,7 @@ def kinds(notebook: dict[str, Any]) -> list[list[list[str]]]:
     return [[sorted(output.get("data", {"text": ""})) for output in cell["outputs"]] for cell in cells]
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", chosen(3, NOTEBOOKS), ids=lambda path: path.stem)
 def test_a_notebook_runs(mi, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     use_few_trees(monkeypatch)
     use_few_evaluations(monkeypatch)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.shown_commands import Reader, pages
+from helpers.shown_commands import Reader, drawn_pages
 
 pytestmark = pytest.mark.fixed_streams
 
@@ -17,7 +17,7 @@ def reader(tmp_path_factory: pytest.TempPathFactory) -> Reader:
     return Reader(tmp_path_factory.mktemp("documentation"))
 
 
-@pytest.mark.parametrize("page", pages(of_studies=True), ids=lambda page: page.name)
+@pytest.mark.parametrize("page", drawn_pages(of_studies=True), ids=lambda page: page.name)
 def test_commands_run(
     page: Path, mi: Any, reader: Reader, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -13,7 +13,7 @@ import pytest
 from helpers.fuzzing import bounded_memory, failures, untraced
 from helpers.run_seed import run_seed
 
-INPUTS = int(os.environ.get("FUZZ_INPUTS", "300"))
+INPUTS = int(os.environ.get("FUZZ_INPUTS", "200"))
 SEED = int(os.environ.get("FUZZ_SEED") or run_seed())
 PARTS = int(os.environ.get("FUZZ_PARTS", "1"))
 

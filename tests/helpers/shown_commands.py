@@ -206,6 +206,12 @@ def pages(*, of_studies: bool) -> list[Path]:
     return [page for page in PAGES if commands(page) and (page.stem in OF_STUDIES.split()) == of_studies]
 
 
+def drawn_pages(*, of_studies: bool) -> list[Path]:
+    """Two of three pages, others in each run; all commands of all pages are parsed in each."""
+    every_page = pages(of_studies=of_studies)
+    return chosen(2 * len(every_page) // 3, every_page)
+
+
 def incomplete(command: str) -> bool:
     """Words about a command rather than one: `lidarscene render scene.xml` does not say where to write."""
     words = command.split()

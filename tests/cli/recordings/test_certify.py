@@ -70,7 +70,7 @@ def test_turns_at_rest(run: Run, turns: Path) -> None:
     }
 
 
-def test_a_clock_of_more_jitter_fails_by_its_noise(run: Run, turns: Path) -> None:
+def test_a_clock_of_more_jitter_fails_by_its_noise(run: Run, turns: Path, no_charts: None) -> None:
     """A jitter of 300 ps is 45 mm for some 8 mm."""
     text = sensor_path(SENSOR).read_text()
     assert "jitter_ps = 38" in text
