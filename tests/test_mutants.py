@@ -83,8 +83,8 @@ def test_a_run(tool, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeyp
         f'["test_module.py::test_held", 0.1, ["{name}:held", "{name}:first"]]\n'
         f'["test_module.py::test_tens", 0.1, ["{name}:tens"]]\n'
     )
-    for name, value in FEW_PLUGINS.items():
-        monkeypatch.setenv(name, value)
+    for variable, value in FEW_PLUGINS.items():
+        monkeypatch.setenv(variable, value)
     tool.run([str(source)], 10, seed=1, jobs=2, limit_s=100)
     printed = capsys.readouterr().out
     assert f"survived: {name}:2 tens\n    -    return 10\n    +    return 11\n" in printed

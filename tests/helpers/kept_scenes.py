@@ -24,8 +24,9 @@ def _scene_file(module: ModuleType) -> None:
     load = module._loaded
 
     def loaded(scene: Any, overrides: Any, *, option: str, settings: Any, **others: Any) -> Any:
-        given = (overrides, settings, *(value for value in others.values() if value is not None))
-        is_plain = _in_use and isinstance(scene, str | Path) and not any(given)
+        given = [value for value in (overrides, settings, *others.values()) if value is not None]
+        is_empty = all(isinstance(value, str | list | tuple | dict) and not value for value in given)
+        is_plain = _in_use and is_empty and isinstance(scene, str | Path)
         path = module.scene_path(scene) if is_plain else None
         if path is None or path.parent.resolve() != module.catalog.folder("scenes").resolve():
             return load(scene, overrides, option=option, settings=settings, **others)

@@ -37,11 +37,14 @@ def counted_columns(rows: PointRows) -> list[np.ndarray]:
 
 @pytest.mark.parametrize(
     ("scene", "pose", "coordinates", "deskew", "own_car"),
-    [
-        *chosen(1, [("drive", None, coordinates, True, True) for coordinates in ("world", "sensor")]),
-        ("drive", (-6.0, 0.0, 2.5), "vehicle", False, False),
-        ("car", (4000.0, -3000.0, 2.0), "world", True, False),
-    ],
+    chosen(
+        2,
+        [
+            *(("drive", None, coordinates, True, True) for coordinates in ("world", "sensor")),
+            ("drive", (-6.0, 0.0, 2.5), "vehicle", False, False),
+            ("car", (4000.0, -3000.0, 2.0), "world", True, False),
+        ],
+    ),
 )
 def test_rows_are_those_of_the_cloud(
     monkeypatch: pytest.MonkeyPatch,

@@ -946,19 +946,20 @@ def test_more_light_is_never_less_likely_to_be_found(dark_hz, klux):
     assert probability[-1] == pytest.approx(1.0)
 
 
+IN_THE_SUN = ("detector.dead_time_ns=5", "detector.dark_count_rate_hz=6e7")
+
+
 @pytest.mark.parametrize(
     ("name", "keys", "lights"),
-    [
-        ("os1-128", (), (0.3, 2.0, 8.0, 100.0, 1000.0)),
-        ("sony-spad-189x600", (), (0.3, 2.0, 8.0, 16.0, 40.0)),
-        ("os1-128", ("detector.spads=16", "detector.coincidence=2"), (0.3, 1.0, 4.0, 16.0)),
-        (
-            "os1-128",
-            ("detector.spads=16", "detector.dead_time_ns=5", "detector.dark_count_rate_hz=6e7"),
-            (1.0, 2.7, 8.0),
-        ),
-    ],
-    ids=["one dead time", "short dead time", "two together", "in the sun"],
+    chosen(
+        2,
+        [
+            ("os1-128", (), (0.3, 2.0, 8.0, 100.0, 1000.0)),
+            ("sony-spad-189x600", (), (0.3, 2.0, 8.0, 16.0, 40.0)),
+            ("os1-128", ("detector.spads=16", "detector.coincidence=2"), (0.3, 1.0, 4.0, 16.0)),
+            ("os1-128", ("detector.spads=16", *IN_THE_SUN), (1.0, 2.7, 8.0)),
+        ],
+    ),
 )
 def test_corrected_walk_leaves_nothing(name, keys, lights):
     """Mean error of the range over detections on a SPAD, from weak echoes to those that fire all in every shot.

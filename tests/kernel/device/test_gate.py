@@ -261,7 +261,7 @@ def test_what_owners_leave_is_freed_as_the_gate_is_left() -> None:
 
 
 def test_a_world_out_of_scope_is_freed_at_once() -> None:
-    """Of another scene than `kept_scenes` keeps."""
+    """Its scene is its own: worlds of others are kept (`kept_scenes`)."""
     simulator = Simulator(dataclasses.replace(load_scene("range")), load_sensor("table1-apd", overrides=COARSE))
     assert not arrays.retired
     scene = simulator.world.scene

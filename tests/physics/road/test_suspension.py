@@ -137,7 +137,7 @@ def test_roll_against_heave_is_that_of_a_recorded_car() -> None:
 
 
 def test_exponential_is_that_of_a_library() -> None:
-    """Of matrices that decay, turn, are nilpotent, and of any norm."""
+    """Matrices that decay, turn, are nilpotent, and of any norm."""
     random = np.random.default_rng(7)
     for norm in (0.0, 1e-6, 0.3, 8.0, 60.0):
         matrix = np.triu(random.normal(size=(6, 6)), random.integers(-5, 2))

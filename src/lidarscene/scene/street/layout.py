@@ -8,6 +8,7 @@ along each kerb. What does not fit where the street bends is left out.
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Iterator, Sequence
@@ -546,7 +547,7 @@ def _line_kerb(layout: Layout, block: Block, side: int, district: District, rand
 
     They are placed in this order where they come too close.
     """
-    file, line = layout.file, _Line(layout, block)
+    file, places = layout.file, functools.partial(_free_places, layout, block, [])
     towards_deg = 180.0 if side < 0 else 0.0
     for zebra_m in block.zebras_m:
         for shift_m in (-3.3, -2.6, 2.6, 3.3):
@@ -558,11 +559,11 @@ def _line_kerb(layout: Layout, block: Block, side: int, district: District, rand
         stop_m = crossing.stop_x_m(-side)
         if not crossing.is_zebra and block.begin_m < stop_m < block.end_m:
             layout.add("lights", stop_m, side * (layout.kerb_m + POST_LINE_M), towards_deg)
-    for x_m in line.places(file.lamp_spacing_m, random):
+    for x_m in places(file.lamp_spacing_m, random):
         layout.add("lamp_posts", x_m, side * (layout.kerb_m + POST_LINE_M), -90.0 * side)
-    for x_m in line.places(file.sign_spacing_m, random):
+    for x_m in places(file.sign_spacing_m, random):
         layout.add(f"{random.choice(SIGNS)}s", x_m, side * (layout.kerb_m + POST_LINE_M), towards_deg)
-    for x_m in line.places(FURNITURE_M, random):
+    for x_m in places(FURNITURE_M, random):
         layout.add(f"{random.choice(FURNITURE)}s", x_m, side * (layout.kerb_m + FURNITURE_LINE_M), -90.0 * side)
     room_m = KERB_M + file.pavement_m - TREE_LINE_M
     meshes = [(tree, catalog.shipped_meshes()[tree]) for tree in district.trees]
@@ -572,32 +573,26 @@ def _line_kerb(layout: Layout, block: Block, side: int, district: District, rand
         for number, scale in enumerate(TREE_SCALES)
         if scale * mesh["reach_m"] <= room_m and mesh.get("by_kerb", True)
     ]
-    for x_m in line.places(file.tree_spacing_m, random):
+    for x_m in places(file.tree_spacing_m, random):
         if trees:
             yaw_deg = random.uniform(0.0, 360.0)
             layout.add(random.choice(trees), x_m, side * (layout.kerb_m + TREE_LINE_M), yaw_deg)
-    for x_m in line.places(file.standing_spacing_m, random):
+    for x_m in places(file.standing_spacing_m, random):
         # Who stands on a narrow pavement leaves room for those who walk there.
         y_m = side * (layout.kerb_m + random.uniform(0.7, min(1.0, file.pavement_m - 1.9)))
         layout.add("pedestrians", x_m, y_m, random.uniform(0.0, 360.0))
 
 
-class _Line:
-    """The line along a kerb of a block, and which places on it are taken."""
-
-    def __init__(self, layout: Layout, block: Block) -> None:
-        self._block = block
-        self._taken_m: list[float] = []
-        # On the inner side of a bend things stand closer than along the middle of the street.
-        curvature_per_m = layout.line.sharpest_per_m(block.begin_m, block.end_m)
-        self._free_m = FREE_M / max(1.0 - curvature_per_m * (layout.kerb_m + TREE_LINE_M), LEAST_SHARE)
-
-    def places(self, spacing_m: tuple[float, float], random: np.random.Generator) -> Iterator[float]:
-        """Yield places one after the other, those left out that are taken."""
-        x_m = self._block.begin_m + 3.0 + random.random() * spacing_m[0]
-        while x_m < self._block.end_m - 3.0:
-            is_free = all(abs(x_m - taken_m) >= self._free_m for taken_m in self._taken_m)
-            if is_free and not self._block.has_zebra(x_m, 6.0):
-                self._taken_m.append(x_m)
-                yield x_m
-            x_m += max(random.uniform(*spacing_m), self._free_m)
+def _free_places(
+    layout: Layout, block: Block, taken_m: list[float], spacing_m: tuple[float, float], random: np.random.Generator
+) -> Iterator[float]:
+    """Yield places along the line by a kerb one after the other, those left out that are taken, and take them."""
+    # On the inner side of a bend things stand closer than along the middle of the street.
+    curvature_per_m = layout.line.sharpest_per_m(block.begin_m, block.end_m)
+    free_m = FREE_M / max(1.0 - curvature_per_m * (layout.kerb_m + TREE_LINE_M), LEAST_SHARE)
+    x_m = block.begin_m + 3.0 + random.random() * spacing_m[0]
+    while x_m < block.end_m - 3.0:
+        if all(abs(x_m - each_m) >= free_m for each_m in taken_m) and not block.has_zebra(x_m, 6.0):
+            taken_m.append(x_m)
+            yield x_m
+        x_m += max(random.uniform(*spacing_m), free_m)

@@ -68,7 +68,12 @@ class Track(NamedTuple):
     def between(self, first: int, last: int) -> Track:
         """The track from one of its times to another, with a pose every `POSE_STEPS` steps."""
         rows = np.append(np.arange(first, last, POSE_STEPS), last)
-        return Track(self.name, *(np.broadcast_to(each, self.time_s.shape)[rows] for each in self[1:]))
+        return Track(self.name, *(each[rows] for each in (self.time_s, self.x_m, self.y_m, self.yaw_deg)))
+
+
+def _track(name: str, time_s: Numbers, *state: Numbers | float) -> Track:
+    """Track of one whose x, y or yaw may be the same all the time."""
+    return Track(name, time_s, *(np.broadcast_to(each, time_s.shape) for each in state))
 
 
 class Traffic(NamedTuple):
@@ -233,7 +238,7 @@ def drive(layout: Layout) -> Traffic:
     for closing in closings:
         tracks += _crossing_tracks(layout, closing, time_s, random)
     tracks += _walking_tracks(layout, time_s, random)
-    ego = Track("own_car", time_s, ego_x_m, layout.lane_m(0, 1), 0.0)
+    ego = _track("own_car", time_s, ego_x_m, layout.lane_m(0, 1), 0.0)
     others = [_shown(layout, track, ego_x_m) for track in tracks]
     return Traffic(ego.between(0, steps), [track for track in others if track is not None])
 
@@ -332,7 +337,7 @@ def _vehicle_tracks(layout: Layout, lane: _Lane, time_s: Numbers) -> Iterator[Tr
     """Yield the tracks of the vehicles of a lane."""
     middle_m = lane.direction * (np.array(lane.history) - 0.5 * lane.lengths_m)
     for name, x_m in zip(lane.names, middle_m.T, strict=True):
-        yield Track(name, time_s, x_m, layout.lane_m(lane.lane, lane.direction), 90.0 - 90.0 * lane.direction)
+        yield _track(name, time_s, x_m, layout.lane_m(lane.lane, lane.direction), 90.0 - 90.0 * lane.direction)
 
 
 def _crossing_tracks(
@@ -352,7 +357,7 @@ def _crossing_tracks(
             turned = np.clip((since_s - 2.0 * half_m / speed_m_s) / TURN_S, 0.0, 1.0).sum(axis=0)
             y_m = side * (np.abs(np.mod(walked_m, 4.0 * half_m) - 2.0 * half_m) - half_m)
             x_m = crossing.x_m + 1.2 * (number - 0.5 * (people - 1))
-            yield Track("walkers", time_s, x_m, y_m, -90.0 * side + 180.0 * turned * layout.file.loop)
+            yield _track("walkers", time_s, x_m, y_m, -90.0 * side + 180.0 * turned * layout.file.loop)
         return
     start_m, _ = _crossing_times(layout)
     directions = [(-1.0,), (1.0,), (-1.0, 1.0)][random.integers(3)]
@@ -360,7 +365,7 @@ def _crossing_tracks(
         # Speeds up, drives on evenly, and brakes to stand at the end of the street that crosses.
         y_m = direction * (_stop_and_go_m(since_s[0], start_m + 50.0) - start_m)
         name, x_m = _draw(layout, random, longest_m=CAR_M[0]), crossing.x_m + direction * 0.5 * CROSS_LANE_M
-        yield Track(name, time_s, x_m, y_m, 90.0 * direction)
+        yield _track(name, time_s, x_m, y_m, 90.0 * direction)
 
 
 def _stop_and_go_m(since_s: Numbers, way_m: float) -> Numbers:
@@ -381,7 +386,7 @@ def _walking_tracks(layout: Layout, time_s: Numbers, random: np.random.Generator
             places_m = np.cumsum(random.uniform(*layout.file.walking_spacing_m, int(round_m / 5.0)))
             for place_m in places_m[places_m < round_m - 2.0]:
                 x_m, y_m, yaw_deg = _round_walk(layout, np.mod(place_m + speed_m_s * time_s, round_m), straight_m)
-                yield Track("walkers", time_s, block.begin_m + 2.0 + x_m, side * y_m, side * yaw_deg)
+                yield _track("walkers", time_s, block.begin_m + 2.0 + x_m, side * y_m, side * yaw_deg)
 
 
 def _round_walk(layout: Layout, way_m: Numbers, straight_m: float) -> tuple[Numbers, Numbers, Numbers]:

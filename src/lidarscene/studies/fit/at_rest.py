@@ -18,6 +18,7 @@ Symbols: r relative deviation of the energy, I strength, R range; a, b, p and q 
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -25,7 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...errors import InputError
-from ...maths.arrays import Numbers
+from ...maths.arrays import Numbers, map_arrays
 from ...sensor.sensor_model import Sensor
 from ..held import LIMITS, Held
 from ..ranging.plane import Target, detection_margin, detection_probability, echoes_of_plane, fluctuation_variance
@@ -41,6 +42,8 @@ from .published_fit import POWER
 from .scatter import is_strong
 from .sensor_text import Changes, at_rest_changes, get_key, parse_sensor, put_changes
 from .tuning import (
+    DITHER,
+    EXCESS_SIGMAS,
     LEAST_BROADENING,
     LEAST_LEAN_M,
     LEAST_OF_BIN,
@@ -249,6 +252,8 @@ def _energy(pixels: PixelsAtRest, sensor: Sensor) -> Law:
     keys = 2.0 * np.log2([np.maximum(strength, LEAST_OF_STRENGTH), range_m])
     members, recorded = _binned(pixels, keys, np.diff(logs, axis=0) / math.sqrt(2.0))
     terms = np.stack([np.ones_like(range_m), strength**-2.0, range_m**2 / strength])
+    if recorded is not None:
+        members, recorded = _no_more_than_weaker(terms, members, recorded)
     return _sum_of_terms((ENERGY, "q", "p"), np.array([2.0, 1.0, 1.0]), terms, members, recorded)
 
 
@@ -284,6 +289,22 @@ def _binned(
     if len(members) < LEAST_BINS:
         return members, None
     return members, Statistics.of(values, members, pixels.block).logarithm()
+
+
+def _no_more_than_weaker(
+    terms: Numbers, members: Sequence[Numbers], recorded: Statistics
+) -> tuple[list[Numbers], Statistics]:
+    """Bins whose strengths scatter no more than others do of which every term of (T184) is larger.
+
+    What does, such as strengths of pulses that saturate the receiver, has another cause. Strengths that scatter by less
+    than half of a whole number may not scatter at all, and say nothing of others.
+    """
+    law = np.stack([terms[:, chosen].mean(axis=1) for chosen in members])
+    is_noisy = np.exp(0.5 * recorded.value) > DITHER * np.sqrt(law[:, 1])
+    excess = recorded.value[:, None] - recorded.value
+    above = excess > EXCESS_SIGMAS * np.hypot(recorded.sigma[:, None], recorded.sigma)
+    rest = ~np.any(above & is_noisy & np.all(law[:, None] <= law, axis=2), axis=1)
+    return list(itertools.compress(members, rest)), map_arrays(lambda values: values[..., rest], recorded)
 
 
 def _sum_of_terms(

@@ -12,7 +12,17 @@ import numpy as np
 from ...maths.arrays import Numbers, map_arrays
 from ...maths.special import SIGMA_PER_MAD
 from .estimates import Solution, huber_weight
-from .tuning import CURVE_HUBER, FIRST_MISFIT, INTERVALS, MOST_STEPS, ROUNDS, SAME_MINIMUM, STEP_RATIO, UNKNOWN_SIGMA
+from .tuning import (
+    CURVE_HUBER,
+    FIRST_MISFIT,
+    INTERVALS,
+    LEAST_LIKELY,
+    MOST_STEPS,
+    ROUNDS,
+    SAME_MINIMUM,
+    STEP_RATIO,
+    UNKNOWN_SIGMA,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -93,8 +103,8 @@ def solve(
 ) -> Solution:
     """Fit parameters to statistics; bins that no law meets count less (Huber's weight).
 
-    What the law misses beyond the noise of the bins is a scatter of all of their kind. Other minima that are as good,
-    to two sigma, widen the intervals by their distance.
+    What the law misses beyond the noise of the bins is a scatter of all of their kind. Other minima widen the intervals
+    by the squares of their distances, each by its share of the likelihood: the law of total variance.
 
     Args:
         predict: (m, k) statistics of (m, p) parameters
@@ -161,13 +171,13 @@ def solve(
         weight = huber_weight(residual, np.hypot(sigma, misfit), CURVE_HUBER)
         root = np.sqrt(weight) / np.hypot(sigma, misfit)
         jacobian = slopes(found.x, root)
-        places, covariance = found.x[None], _covariance(jacobian)
+        places, chances, covariance = found.x[None], np.ones(1), _covariance(jacobian)
         widths, moves = np.sqrt(np.diag(covariance)), _axes(covariance, step)
         squares = [float(np.sum(residuals(end.x, root) ** 2)) for end in ends]
         for end, square in zip(ends, squares, strict=True):
-            is_new = np.any(np.abs(places - end.x) > SAME_MINIMUM * widths, axis=1).all()
-            if is_new and square < min(squares) + 4.0:  # what differs by two sigma at most is not known
-                places = np.vstack([places, end.x])
+            chance, is_new = math.exp(0.5 * (min(squares) - square)), np.abs(places - end.x) > SAME_MINIMUM * widths
+            if chance > LEAST_LIKELY and np.any(is_new, axis=1).all():
+                places, chances = np.vstack([places, end.x]), np.append(chances, chance)
     moves = step * np.eye(len(expected))
     for number in range(INTERVALS):
         to_less, is_step = least_slopes(found.x, root)
@@ -182,7 +192,7 @@ def solve(
         slope=jacobian.T @ jacobian,
         scores=scores,
         evaluations=len(known),
-        held_covariance=(places - found.x).T @ (places - found.x),
+        held_covariance=(chances / chances.sum() * (places - found.x).T) @ (places - found.x),
         at_limit=found.status == 0,
     )
 

@@ -21,6 +21,9 @@ the file."""
 ROUNDS = 4
 """Accuracy bought: solutions one after the other; the last one changes by less than a tenth of its sigma."""
 
+LEAST_LIKELY = 0.01
+"""Accuracy bought: least likelihood of another minimum, over that of the best one, for it to be followed further."""
+
 INTERVALS = 3
 """Accuracy bought: times that an interval beside a step is found, from slopes that reach as far as the one before."""
 
@@ -156,6 +159,12 @@ LEAST_OF_BIN = 100
 
 LEAST_OF_STRENGTH = 1e-3
 """Accuracy bought: least strength that is divided by: what reads 0 has no scatter of its own."""
+
+DITHER = 0.5
+"""Source: Widrow and Kollar, Quantization Noise (2008): noise of half a step or more hides where steps are."""
+
+EXCESS_SIGMAS = 3.0
+"""Choice: sigmas by which a bin scatters more than a weaker one, from which on it follows another law."""
 
 PIXELS_OF_BIN, READINGS = 200, 5
 """Accuracy bought: pixels of each bin that are simulated, and readings of each: a scatter is good to 3 %, which is most
