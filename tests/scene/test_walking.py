@@ -206,6 +206,16 @@ def test_between_its_instants_a_stride_is_straight(monkeypatch: pytest.MonkeyPat
         np.testing.assert_allclose(coarse[-1], coarse[0], atol=1e-4)
 
 
+@pytest.mark.parametrize("phase", [-1e-17, -1e-18 - 3.0, 4.0])
+def test_just_below_a_whole_stride_is_its_end(phase: float) -> None:
+    """What rounding makes of a phase of -1e-17 is 1, where a stride is as at its begin."""
+    stride_m = np.array([0.0, 1.0, 2.0, 0.0])[:, None, None] + np.zeros((4, 3, 3))
+    part = Part(
+        name="foot", vertices_m=np.ones((3, 3)), faces=np.array([[0, 1, 2]]), material="skin", stride_m=stride_m
+    )
+    np.testing.assert_array_equal(part.posed(phase, 1.0).vertices_m, part.posed(0.0, 1.0).vertices_m)
+
+
 def test_a_smaller_walker_has_fewer_instants() -> None:
     """A millimetre is one of the scene: a file in centimetres is not held to a hundredth of it."""
     path = catalog.path_of("meshes", "man_tall")

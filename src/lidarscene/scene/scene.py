@@ -96,9 +96,11 @@ class Part(HintedAttributes):
         """Return the part as it is at a place of its stride (`walking`), rigid; itself if it has none."""
         if self.stride_m is None:
             return self
-        share, before = np.modf((phase - np.floor(phase)) * (len(self.stride_m) - 1))
-        first_m, second_m = self.stride_m[int(before) :][:2].astype(np.float64)
-        walking_m = first_m + share * (second_m - first_m)
+        place = (phase - np.floor(phase)) * (len(self.stride_m) - 1)
+        # Just below 0 is a whole stride after rounding.
+        before = min(int(place), len(self.stride_m) - 2)
+        first_m, second_m = self.stride_m[before : before + 2].astype(np.float64)
+        walking_m = first_m + (place - before) * (second_m - first_m)
         return replace(self, vertices_m=self.vertices_m + level * (walking_m - self.vertices_m), stride_m=None)
 
     @property
