@@ -22,7 +22,7 @@ from PIL import Image
 import lidarscene
 from lidarscene import PointCloud
 from lidarscene.cloud.deskew import deskewed
-from lidarscene.scene.saving import write_scene
+from lidarscene.scene.saving import write_street
 from lidarscene.scene.street.network_tables import network_scene
 from lidarscene.scene.street.street_file import StreetFile
 from lidarscene.studies.compare.bench import Bench
@@ -158,7 +158,7 @@ def network() -> None:
     with tempfile.TemporaryDirectory() as folder:
         scenario = sumo_town(Path(folder), (0.0, 6.0, 3.0, -5.0))
         tables = network_scene(scenario, "sumo", StreetFile(), ego="first")
-        _from_above(write_scene(tables, Path(folder) / "town", origin="a town"), "network.png")
+        _from_above(write_street(tables, Path(folder) / "town", origin="a town"), "network.png")
 
 
 def _from_above(path: Path, name: str) -> None:

@@ -1,8 +1,8 @@
 """Plugin of pytest: a scene of the package is loaded once in a process, and compiled once for a file of tests.
 
 Nobody changes a `Scene` or a `World`, so tests may have the same ones. To load `drive` takes 0.4 s, to compile `car`
-0.2 s; together this was a third of what tests that render took. A test that asks for `monkeypatch` has its own: it may
-change what makes them.
+0.2 s; together this was a third of what tests that render took. A test with the argument `monkeypatch` has its own: it
+may change what makes them.
 """
 
 import inspect
@@ -13,7 +13,7 @@ from typing import Any
 import on_import
 import pytest
 
-_scenes: dict[str, Any] = {}
+_scenes: dict[Path, Any] = {}
 _worlds: dict[tuple[object, ...], Any] = {}
 _in_use = True
 MOST = 4
@@ -24,15 +24,15 @@ def _scene_file(module: ModuleType) -> None:
     load = module._loaded
 
     def loaded(scene: Any, overrides: Any, *, option: str, settings: Any, **others: Any) -> Any:
-        given = [value for value in (overrides, settings, *others.values()) if value is not None]
-        is_empty = all(isinstance(value, str | list | tuple | dict) and not value for value in given)
-        is_plain = _in_use and is_empty and isinstance(scene, str | Path)
-        path = module.scene_path(scene) if is_plain else None
-        if path is None or path.parent.resolve() != module.catalog.folder("scenes").resolve():
+        # What is given and empty may be refused.
+        is_plain = not settings and all(value is None for value in others.values()) and isinstance(scene, str | Path)
+        is_plain &= overrides is None or (isinstance(overrides, list | tuple | dict) and not overrides)
+        path = module.scene_path(scene).resolve() if is_plain and _in_use else Path()
+        if not path.is_file() or path.parent != module.catalog.folder("scenes").resolve():
             return load(scene, overrides, option=option, settings=settings, **others)
-        if path.stem not in _scenes:
-            _scenes[path.stem] = load(path, (), option=option, settings={})
-        return _scenes[path.stem]
+        if path not in _scenes:
+            _scenes[path] = load(path, (), option=option, settings={})
+        return _scenes[path]
 
     module._loaded = loaded  # type: ignore[attr-defined]
 

@@ -145,8 +145,8 @@ SAMPLED = ("hdl-32e", "hdl-64e")
 
 @pytest.mark.parametrize("name", SAMPLED)
 def test_scatter_as_in_recordings(name: str) -> None:
-    """Scatter agrees within a factor of about 1.5 of recordings, which have the roughness of surfaces in them; draws
-    have 1.6 %.
+    """Scatter is at most 1.6 times that of recordings, which have the roughness of surfaces in them, and no less than
+    0.6 of it: an HDL-64E's was fitted beside the roughness, and is 0.65. Draws have 1.6 %.
     """
     published = published_performance(name)
     assert published is not None
@@ -156,7 +156,7 @@ def test_scatter_as_in_recordings(name: str) -> None:
     for row in recorded:
         assert row.simulated is not None
         assert row.reference is not None
-        assert 1.0 / 1.6 < row.simulated / row.reference < 1.6, row
+        assert 0.6 < row.simulated / row.reference < 1.6, row
 
 
 @pytest.mark.parametrize("name", DRAWN)

@@ -79,7 +79,7 @@ def run_street(arguments: argparse.Namespace) -> Answer:
     from ..files.overrides import key_path, with_overrides
     from ..files.toml import validate
     from ..scene.made_street import made_tables
-    from ..scene.saving import write_scene
+    from ..scene.saving import write_street
     from ..scene.street.street_file import StreetFile
     from ..scene.street.street_tables import street_summary
 
@@ -96,6 +96,6 @@ def run_street(arguments: argparse.Namespace) -> Answer:
     file = validate(StreetFile, with_overrides(keys, arguments.overrides), "[street]", overrides=arguments.overrides)
     networks: dict[NetworkKind, Any] = {"opendrive": arguments.opendrive, "osm": arguments.osm, "sumo": arguments.sumo}
     tables, origin = made_tables(file, networks | {"town": arguments.town}, ego=arguments.ego)
-    path = write_scene(tables, arguments.output, origin=origin)
+    path = write_street(tables, arguments.output, origin=origin)
     summary = street_summary(tables)
     return Answer(f"wrote {path}: {summary.as_text()}", numbers={"scene": str(path), **summary._asdict()})

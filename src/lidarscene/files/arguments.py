@@ -129,6 +129,7 @@ def checks_arguments(call: Checked) -> Checked:
         for name, parameter in signature.parameters.items()
         if parameter.default is parameter.empty and parameter.kind not in _OPEN and name != "self"
     ]
+    nameless = {name for name, each in signature.parameters.items() if each.kind is each.POSITIONAL_ONLY}
     own = positional[:1] == ["self"]
 
     @functools.wraps(call)
@@ -144,8 +145,9 @@ def checks_arguments(call: Checked) -> Checked:
             others = [name for name in _keywords_of(call, signature) if name not in positional]
             raise _too_many(call.__name__, arguments[own:], positional[own:], others, _hints_of(call))
         # `inspect.Signature.bind` takes longer than all else here.
-        bound = dict(zip(positional, arguments, strict=False)) | keywords
-        if len(bound) < len(keywords) + min(len(arguments), len(positional)) or not bound.keys() >= {*required}:
+        named = {name: value for name, value in keywords.items() if name not in nameless}
+        bound = dict(zip(positional, arguments, strict=False)) | named
+        if len(bound) < len(named) + min(len(arguments), len(positional)) or not bound.keys() >= {*required}:
             _require_once(call, signature, required, positional[: len(arguments)], keywords)
             bound = {}  # the call itself says what else is wrong
         hints = _hints_of(call)

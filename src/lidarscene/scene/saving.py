@@ -2,7 +2,7 @@
 
 Tables of a file say more than a `Scene` has, such as the ground on which a body stands; so they are kept with the scene
 and with each body, and a body that Python made or changed has none. Meshes in memory are written as OBJ: as text,
-vertices keep all digits, and parts their order.
+vertices keep all digits, and parts their order. Streets that are made are written as a folder (`write_street`).
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
             outputs.enter_context(atomic_output(target.parent / name)).write_text(text, encoding="utf-8", newline="\n")
 
 
-def write_scene(tables: Tables, folder: Path, *, origin: str) -> Path:
+def write_street(tables: Tables, folder: Path, *, origin: str) -> Path:
     """Write tables as street.toml in ``folder``, with their meshes and motions beside it; return the scene's path.
 
     Args:

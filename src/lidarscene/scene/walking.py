@@ -176,7 +176,7 @@ class _Way:
         """(n,) strides at (n,) times in the motion's span."""
         first_s, last_s = self.motion.span_s
         steps = max(int(np.ceil((last_s - first_s) / NODE_S)), 1)
-        share = (float(time_s.max(initial=first_s)) - first_s) / (last_s - first_s)
+        share = (float(np.fmax.reduce(time_s, initial=first_s)) - first_s) / (last_s - first_s)
         needed = min(int(share * steps) + 2, steps + 1)
         # Other threads ask, too: each goes by what it has seen.
         known = self.known

@@ -54,14 +54,14 @@ def moving(scene: Scene, time_s: float) -> Boxes:
     bodies = [(n, body) for n, body in enumerate(scene.bodies) if body.motion is not None and body.is_present(time_s)]
     boxes = _carried(bodies, *np.full((2, len(bodies)), time_s))
     rows = [row(box.pose.position_m, box.pose.rotation, np.zeros(2), 0.5 * box.size_m[:2]) for box in boxes]
-    return [box.name for box in boxes], np.array(rows)
+    return [box.name for box in boxes], np.array(rows).reshape(-1, 6)
 
 
 def pairs_that_meet(boxes: np.ndarray, others: np.ndarray) -> np.ndarray:
     """(n, 2) numbers of boxes and others that overlap by more than a millimetre: shadows on the sides of both do."""
     reach_m = 0.5 + np.hypot(*boxes[:, 4:].T)[:, None]
     near = cKDTree(others[:, :2]).query_ball_point(boxes[:, :2], reach_m[:, 0] + np.hypot(*others[:, 4:].T).max())
-    pair = np.array([(a, b) for a, numbers in enumerate(near) for b in numbers]).reshape(-1, 2)
+    pair = np.array([(a, b) for a, numbers in enumerate(near) for b in numbers], dtype=int).reshape(-1, 2)
     both = np.stack([boxes[pair[:, 0]], others[pair[:, 1]]])
     sides = np.stack([both[..., 2:4], both[..., [3, 2]] * [-1.0, 1.0]], axis=2)
     apart_m, meets = both[1, :, :2] - both[0, :, :2], np.ones(len(pair), dtype=bool)

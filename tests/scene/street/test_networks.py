@@ -21,7 +21,7 @@ from lidarscene.errors import OptionWarning
 from lidarscene.maths.trajectory import pose_at
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.ground_area import Outline
-from lidarscene.scene.saving import write_scene
+from lidarscene.scene.saving import write_street
 from lidarscene.scene.scene import Body, Scene
 from lidarscene.scene.scene_file import load_scene, scene_model
 from lidarscene.scene.shared_faces import shared_faces
@@ -43,7 +43,7 @@ def bend(tmp_path_factory: pytest.TempPathFactory) -> Path:
     x_m, y_m, heading = reference(np.array([networks.STRAIGHT_M + networks.SPIRAL_M]), 0.0)[0].tolist()
     (folder / "bend.xodr").write_text(networks.opendrive((x_m, y_m, heading)))
     tables = network_scene(folder / "bend.xodr", "opendrive", StreetFile(seed=2, house_share=(1.0, 1.0)))
-    return write_scene(tables, folder / "out", origin="test")
+    return write_street(tables, folder / "out", origin="test")
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def town(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("town")
     configuration = networks.sumo_town(folder)
     tables = network_scene(configuration, "sumo", StreetFile(), ego="first")
-    return configuration, write_scene(tables, folder / "out", origin="test")
+    return configuration, write_street(tables, folder / "out", origin="test")
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,7 @@ def hills(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("hills")
     configuration = networks.sumo_town(folder, (0.0, 6.0, 3.0, -5.0))
     tables = network_scene(configuration, "sumo", StreetFile(house_share=(1.0, 1.0)), ego="first")
-    return write_scene(tables, folder / "out", origin="test")
+    return write_street(tables, folder / "out", origin="test")
 
 
 @pytest.fixture(scope="module")
@@ -226,9 +226,8 @@ def test_a_drawn_town_has_hills_lights_and_a_roundabout_at_which_vehicles_turn(d
     islands_m = [np.array(body["outline"]) for body in first["bodies"] if body["name"].startswith("island_")]
     round_m = max(islands_m, key=lambda each: Outline(corner_m=each, spacing_m=1.0).area_m2())[:, :2]
     middle_m = _middle_of_circle_m(round_m)
-    np.testing.assert_allclose(
-        np.hypot(*(round_m - middle_m).T), sumo.RING_M, atol=0.6
-    )  # netconvert moves ends of roads
+    # netconvert moves ends of roads, by 0.66 m in one of some hundred draws.
+    np.testing.assert_allclose(np.hypot(*(round_m - middle_m).T), sumo.RING_M, atol=1.0)
     splitters = [each for each in islands_m if np.hypot(*(each[:, :2].mean(axis=0) - middle_m)) < 40.0]
     assert len(splitters) == 1 + 4, "one within the ring and one in each road that leads to it"
     assert any(body["name"] == "lights" for body in first["bodies"])
@@ -339,7 +338,7 @@ def test_no_two_bodies_share_a_face_that_a_beam_meets(
     bodies touch; from the vehicle, from below a bridge, and from beside a roundabout.
     """
     found = request.getfixturevalue(name)
-    path = write_scene(found, tmp_path / "out", origin="test") if name == "drawn" else found
+    path = write_street(found, tmp_path / "out", origin="test") if name == "drawn" else found
     scene = scene_of(path[1] if name == "town" else path)
     assert scene.ego is not None
     pose = pose_at(scene.ego, 4.0) @ scene.sensor_pose
@@ -429,7 +428,7 @@ def over(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Scene file of a road with a bridge over it."""
     folder = tmp_path_factory.mktemp("over")
     tables = network_scene(networks.bridge(folder), "sumo", StreetFile(shown_m=200.0), ego="we")
-    return write_scene(tables, folder / "out", origin="test")
+    return write_street(tables, folder / "out", origin="test")
 
 
 def test_piers_stand_on_both_sides_of_the_road_below_and_bear_the_one_above(over: Path) -> None:
@@ -471,7 +470,7 @@ def _still(scene: Scene) -> list[Body]:
 
 def test_every_body_of_drawn_traffic_loads(homes: Tables, tmp_path: Path) -> None:
     """Streets of OpenStreetMap: a junction, houses, and vehicles of classes that the drawn traffic has."""
-    scene = load_scene(write_scene(homes, tmp_path / "out", origin="test"))
+    scene = load_scene(write_street(homes, tmp_path / "out", origin="test"))
     classes = {body.class_name for body in scene.bodies}
     assert {"road", "building", "car", "terrain", "lane_marking"} <= classes
     assert any(body.name.startswith("junction") for body in scene.bodies)
@@ -495,3 +494,16 @@ def test_mistakes(run: Run, town: tuple[Path, Path], given: str, named: str) -> 
     for path in town[0].parent.glob("town.*"):
         Path(path.name).write_bytes(path.read_bytes())
     typed(run, named, "street", *given.split(), "-o", "out")
+
+
+def test_a_tram_is_left_out_and_a_car_where_it_carries_the_sensor(tmp_path: Path) -> None:
+    """Rationale: of no bodies none could be chosen, and a scenario whose longest drive is a tram's gave a traceback."""
+    configuration = networks.bridge(tmp_path)
+    routes, kind = tmp_path / "b.rou.xml", '<vType id="t" vClass="tram"/>'
+    routes.write_text(routes.read_text().replace('id="sn"', 'id="sn" type="t"').replace("<trip", f"{kind}<trip", 1))
+    with pytest.warns(OptionWarning, match="vehicles of tram have no body"):
+        tables = network_scene(configuration, "sumo", StreetFile(), ego="we")
+    assert not any(body["name"].startswith("traffic") for body in tables["bodies"])
+    bodies = network_scene(configuration, "sumo", StreetFile(), ego="sn")["bodies"]
+    (mesh,) = (Path(body["mesh"]).stem for body in bodies if body["name"] == "own_car")
+    assert mesh in {body.name for body in catalog.vehicles().values() if body.class_name == "car"}

@@ -55,6 +55,9 @@ def test_a_bend_turns_by_its_angle_with_its_radius_and_alike_from_both_ends(angl
     assert place[-1, 2] - place[0, 2] == pytest.approx(angle, abs=1e-12)
     assert line.curvature_per_m(np.array([10.0 + 0.5 * length_m]))[0] == pytest.approx(np.sign(angle) / 50.0)
     assert line.sharpest_per_m(0.0, line.length_m) == pytest.approx(1.0 / 50.0)
+    # Lines beside it, on the inside and on the outside of the bend.
+    for left_m in (8.0, -8.0):
+        assert line.sharpest_per_m(0.0, line.length_m, left_m) == pytest.approx(1 / (50 - np.sign(angle) * left_m))
     assert line.sharpest_per_m(0.0, 9.0) == 0.0
     chord_m = np.hypot(*np.diff(place[:, :2], axis=0).T)
     np.testing.assert_allclose(chord_m, line.length_m / 400, rtol=1e-5)
@@ -595,8 +598,8 @@ def test_the_ego_vehicle_drives_from_the_origin_to_its_end_and_nobody_through_an
     assert ego.x_m[-1] == pytest.approx(60.0, abs=0.3)
     assert np.diff(ego.x_m).min() >= 0.0
     np.testing.assert_array_equal(np.unique(ego.y_m), layout.lane_m(0, 1))
-    vehicles = [track for track in traffic.others if track.name.startswith("traffic")]
-    for track in vehicles:
+    along = [track for track in traffic.others if track.name.startswith("traffic") and np.ptp(track.x_m) > 0.0]
+    for track in along:
         assert set(track.yaw_deg) == ({0.0} if track.x_m[-1] > track.x_m[0] else {180.0})
         here = np.intersect1d(ego.time_s, track.time_s)
         apart_m = np.interp(here, ego.time_s, ego.x_m) - np.interp(here, track.time_s, track.x_m)

@@ -119,6 +119,7 @@ def spot_share(*, profile: str, spot_rad: Lanes, off_axis_rad: Lanes, field_rad:
     within = {"gaussian": gaussian_in_circle, "top_hat": top_hat_in_circle}[profile]
     spot = {"spot_radius": spot_rad, "distance": off_axis_rad}
     ops = xp(spot_rad, off_axis_rad, field_rad, blur_rad)
+    # `each` puts the circles of all places side by side: as many blurs as places.
     blur_of_each = blur_rad + 0.0 * (spot_rad + off_axis_rad)
     share = _share_with_blur(lambda r: within(circle_radius=r, **spot), field_rad, blur_of_each)
     return ops.minimum(ops.maximum(share, 0.0), 1.0)

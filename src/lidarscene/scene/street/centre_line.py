@@ -248,9 +248,11 @@ def close(file: StreetFile, front_m: float, random: np.random.Generator, radius_
     Raises:
         InputError: if it is too short for a street of this width
     """
-    least_m = math.ceil(LOOP_WIDTHS * front_m)
+    least_m = LOOP_WIDTHS * front_m
     if file.length_m < least_m:
-        raise InputError(f"street.length_m: a loop so wide must be >= {least_m} m long, got {file.length_m:g}")
+        raise InputError(
+            f"street.length_m: a loop so wide must be >= {math.ceil(least_m)} m long, got {file.length_m:g}"
+        )
     # Sides of the L in its directions: along a, across b - q, back p, across q, back a - p, down b.
     aspect, along, across = random.uniform(0.8, 1.25), *random.uniform(0.42, 0.58, 2)
     sides = np.array([aspect, 1.0 - across, along * aspect, across, (1.0 - along) * aspect, 1.0])

@@ -495,6 +495,10 @@ def _build_houses(layout: Layout, block: Block, side: int, district: District, r
             layout.add(f"houses_{house}_{wall}", middle_m, side * house_y_m, -90.0 * side)
             if district.border:
                 _border_garden(layout, district, side, x_m, width_m)
+            wall_m, edge_m = house_y_m - front_m, max(house_y_m - reach_m, layout.front_m)
+            if edge_m < wall_m:  # no bush grows into what hangs out
+                below = middle_m, side * 0.5 * (wall_m + edge_m), 0.5 * width_m, 0.5 * (wall_m - edge_m)
+                layout.room.add(_boxes(layout.line, [below]))
         elif random.random() < 0.7:
             yaw_deg, reach_m = random.uniform(0.0, 360.0), meshes[tree]["reach_m"]
             if layout.take(middle_m, side * tree_y_m, reach_m, reach_m):

@@ -234,8 +234,8 @@ def _on_relief(network: Network, relief: Relief) -> Network:
 
 
 def _bodies_of(kind: str) -> list[catalog.VehicleBody]:
-    """Bodies that vehicles of a class of SUMO may have."""
-    classes = sumo.known_of(kind)["bodies"]
+    """Bodies that vehicles of a class of SUMO may have; those of cars if it has none, as a tram with the sensor."""
+    classes = sumo.known_of(kind)["bodies"] or sumo.CLASSES["passenger"]["bodies"]
     return [body for body in catalog.vehicles().values() if body.class_name in classes]
 
 

@@ -17,11 +17,11 @@ def ways_m(line_m: Numbers) -> Numbers:
 
 def integral(at: Numbers, node: Numbers, value: Numbers) -> Numbers:
     """Integral of straight lines between values at nodes, from the first of them to (n,) places."""
-    from scipy.integrate import cumulative_trapezoid
-
     number = np.clip(np.searchsorted(node, at, side="right") - 1, 0, len(node) - 2)
     beyond = 0.5 * (at - node[number]) * (value[number] + np.interp(at, node, value))
-    return np.asarray(cumulative_trapezoid(value, node, initial=0.0)[number] + beyond)
+    # `scipy.integrate` has this sum, too, but takes 0.2 s to import.
+    sums = np.cumsum(0.5 * np.diff(node) * (value[1:] + value[:-1]))
+    return np.asarray(np.concatenate([[0.0], sums])[number] + beyond)
 
 
 def way_length_m(line_m: Numbers) -> float:

@@ -150,8 +150,8 @@ class RoadUser:
 
 
 def known_of(kind: str) -> Mapping[str, Any]:
-    """What is known of a class of SUMO; of others what is known of cars."""
-    return {**CLASSES["passenger"], **CLASSES.get(kind, {})}
+    """Length and bodies of a class of SUMO; those of cars where it does not say."""
+    return {key: CLASSES.get(kind, {}).get(key, CLASSES["passenger"][key]) for key in ("length_m", "bodies")}
 
 
 def convert(map_file: Path, kind: Literal["opendrive", "osm"], folder: Path) -> Path:

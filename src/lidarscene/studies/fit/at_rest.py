@@ -293,8 +293,8 @@ def _binned(
 
 def _no_more_than_weaker(
     terms: Numbers, members: Sequence[Numbers], recorded: Statistics
-) -> tuple[list[Numbers], Statistics]:
-    """Bins whose strengths scatter no more than others do of which every term of (T184) is larger.
+) -> tuple[list[Numbers], Statistics | None]:
+    """Bins whose strengths scatter no more than others do of which every term of (T184) is larger; None for too few.
 
     What does, such as strengths of pulses that saturate the receiver, has another cause. Strengths that scatter by less
     than half of a whole number may not scatter at all, and say nothing of others.
@@ -304,6 +304,8 @@ def _no_more_than_weaker(
     excess = recorded.value[:, None] - recorded.value
     above = excess > EXCESS_SIGMAS * np.hypot(recorded.sigma[:, None], recorded.sigma)
     rest = ~np.any(above & is_noisy & np.all(law[:, None] <= law, axis=2), axis=1)
+    if rest.sum() < LEAST_BINS:
+        return [], None
     return list(itertools.compress(members, rest)), map_arrays(lambda values: values[..., rest], recorded)
 
 

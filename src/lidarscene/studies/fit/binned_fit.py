@@ -163,7 +163,8 @@ def solve(
             ends.append(least_squares(residuals, place, slopes, bounds, args=(root,), **rules))
             if number == 0 and _decides(ends[0].cost, ends[0].jac):
                 break
-        found = min(ends, key=lambda end: float(end.cost))
+        best = int(np.argmin([end.cost for end in ends]))
+        found = ends[best]
         residual, sigma = recorded.value - laws(found.x[None])[0], spread(found.x)
         for kind in np.unique(recorded.kind):
             alike = recorded.kind == kind
@@ -171,9 +172,10 @@ def solve(
         weight = huber_weight(residual, np.hypot(sigma, misfit), CURVE_HUBER)
         root = np.sqrt(weight) / np.hypot(sigma, misfit)
         jacobian = slopes(found.x, root)
-        places, chances, covariance = found.x[None], np.ones(1), _covariance(jacobian)
+        covariance = _covariance(jacobian)
         widths, moves = np.sqrt(np.diag(covariance)), _axes(covariance, step)
         squares = [float(np.sum(residuals(end.x, root) ** 2)) for end in ends]
+        places, chances = found.x[None], np.exp([0.5 * (min(squares) - squares[best])])
         for end, square in zip(ends, squares, strict=True):
             chance, is_new = math.exp(0.5 * (min(squares) - square)), np.abs(places - end.x) > SAME_MINIMUM * widths
             if chance > LEAST_LIKELY and np.any(is_new, axis=1).all():
