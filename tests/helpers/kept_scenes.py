@@ -27,8 +27,9 @@ def _scene_file(module: ModuleType) -> None:
         # What is given and empty may be refused.
         is_plain = not settings and all(value is None for value in others.values()) and isinstance(scene, str | Path)
         is_plain &= overrides is None or (isinstance(overrides, list | tuple | dict) and not overrides)
-        path = module.scene_path(scene).resolve() if is_plain and _in_use else Path()
-        if not path.is_file() or path.parent != module.catalog.folder("scenes").resolve():
+        path = module.scene_path(scene) if is_plain and _in_use else Path()
+        path = path.resolve() if path.is_file() else Path()  # names that no system takes are no files
+        if path.parent != module.catalog.folder("scenes").resolve():
             return load(scene, overrides, option=option, settings=settings, **others)
         if path not in _scenes:
             _scenes[path] = load(path, (), option=option, settings={})
