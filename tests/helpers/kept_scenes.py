@@ -5,6 +5,7 @@ Nobody changes a `Scene` or a `World`, so tests may have the same ones. To load 
 may change what makes them.
 """
 
+import contextlib
 import inspect
 from pathlib import Path
 from types import ModuleType
@@ -20,6 +21,13 @@ MOST = 4
 """Choice: worlds that are kept; what Dr.Jit compiles depends on all that are alive."""
 
 
+def _file(path: Path) -> Path:
+    """Return a file's whole path; an empty one for what is none, such as names that no system takes."""
+    with contextlib.suppress(OSError, ValueError):
+        return path.resolve(strict=True)
+    return Path()
+
+
 def _scene_file(module: ModuleType) -> None:
     load = module._loaded
 
@@ -27,8 +35,7 @@ def _scene_file(module: ModuleType) -> None:
         # What is given and empty may be refused.
         is_plain = not settings and all(value is None for value in others.values()) and isinstance(scene, str | Path)
         is_plain &= overrides is None or (isinstance(overrides, list | tuple | dict) and not overrides)
-        path = module.scene_path(scene) if is_plain and _in_use else Path()
-        path = path.resolve() if path.is_file() else Path()  # names that no system takes are no files
+        path = _file(module.scene_path(scene)) if is_plain and _in_use else Path()
         if path.parent != module.catalog.folder("scenes").resolve():
             return load(scene, overrides, option=option, settings=settings, **others)
         if path not in _scenes:
