@@ -14,6 +14,7 @@ one of three: a fault that no test notices, code that nobody needs, or a change 
 import argparse
 import ast
 import difflib
+import importlib.util
 import json
 import os
 import random
@@ -285,7 +286,7 @@ def verdict(mutant: Mutant, groups: Sequence[Sequence[str]], checkout: Path, lim
         return "no test", ""
     path = checkout / mutant.path
     whole = path.read_bytes()
-    path.write_bytes(mutant.text(whole))
+    _replace(path, mutant.text(whole))
     clean = {name: value for name, value in os.environ.items() if name not in (TRACED, "PYTHONPATH")} | SEED
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--no-header"]
     try:
@@ -309,8 +310,14 @@ def verdict(mutant: Mutant, groups: Sequence[Sequence[str]], checkout: Path, lim
     except subprocess.TimeoutExpired:
         return "out of time", ""
     finally:
-        path.write_bytes(whole)
+        _replace(path, whole)
     return "survived", ""
+
+
+def _replace(path: Path, source: bytes) -> None:
+    """Write a module. Python goes by seconds and size, and would take the bytecode of another mutant of this second."""
+    path.write_bytes(source)
+    Path(importlib.util.cache_from_source(str(path))).unlink(missing_ok=True)
 
 
 def copy_of_checkout(folder: Path) -> Path:
