@@ -24,7 +24,16 @@ import pytest
 import trimesh
 
 import lidarscene
-from helpers.documentation import IN_AN_EMPTY_FOLDER, PAGES, blocks, commands, in_order, make_workplace, shell_lines
+from helpers.documentation import (
+    IN_AN_EMPTY_FOLDER,
+    PAGES,
+    README,
+    blocks,
+    commands,
+    in_order,
+    make_workplace,
+    shell_lines,
+)
 from helpers.fuzzing import untraced
 from helpers.in_this_process import draw_nothing, draw_roughly
 from helpers.run_seed import chosen
@@ -207,9 +216,10 @@ def pages(*, of_studies: bool) -> list[Path]:
 
 
 def drawn_pages(*, of_studies: bool) -> list[Path]:
-    """Two of three pages, others in each run; all commands of all pages are parsed in each."""
-    every_page = pages(of_studies=of_studies)
-    return chosen(2 * len(every_page) // 3, every_page)
+    """README and two of three other pages, others in each run; all commands of all pages are parsed in each."""
+    always = [page for page in pages(of_studies=of_studies) if page == README]
+    others = [page for page in pages(of_studies=of_studies) if page != README]
+    return always + chosen(2 * len(others) // 3, others)
 
 
 def incomplete(command: str) -> bool:
