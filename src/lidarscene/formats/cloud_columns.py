@@ -667,11 +667,6 @@ def freeze_column(attribute: str, values: Any, points: int) -> Numbers:
     position_dtype = "float32" if array.dtype == np.float32 else "float64"
     dtype = np.dtype(position_dtype if is_position else _DTYPES[attribute])
     shape = (points, 3) if is_position else (points,)
-    if array.dtype == dtype and array.shape == shape:
-        if array.flags.writeable:
-            array = array.view()
-            array.flags.writeable = False
-        return array  # each frame has 56 of them: `frozen` takes three times as long
     if dtype.kind != "f" and array.dtype != dtype and array.size:
         limits = np.iinfo(str(dtype))
         if not limits.min <= array.min() <= array.max() <= limits.max:

@@ -520,7 +520,7 @@ def aligned_copy(dtype: type[np.generic], *parts: Numbers) -> Numbers:
     # bytes and more by chance: of twelve frames of changing size eight compiled a kernel for that reason alone. Four
     # neighbours of a table are one load only where it is aligned.
     size = np.dtype(dtype).itemsize * sum(map(len, parts))
-    room = np.empty(size + _ALIGNMENT, dtype=np.uint8)
+    room = np.empty(size + _ALIGNMENT, dtype=np.uint8)  # to clear it would take as long as to fill it
     start = -room.ctypes.data % _ALIGNMENT
     aligned = room[start : start + size].view(dtype)
     return np.concatenate(parts, out=aligned, casting="unsafe")
@@ -559,12 +559,15 @@ def frozen(values: object, dtype: Any, shape: tuple[int | None, ...], *, name: s
         ValueError: with the name, the shape it got and the shape it needs
     """
     try:
-        array = np.asarray(values, dtype=dtype).view()
+        array = np.asarray(values, dtype=dtype)
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
-    if len(array.shape) != len(shape) or any(
-        want is not None and have != want for have, want in zip(array.shape, shape, strict=True)
+    if array.shape != shape and (
+        len(array.shape) != len(shape)
+        or any(want is not None and have != want for have, want in zip(array.shape, shape, strict=True))
     ):
         raise ValueError(f"{name} must have shape {shape}, got {array.shape}")
-    array.flags.writeable = False
+    if array.flags.writeable:
+        array = array.view()
+        array.flags.writeable = False
     return array

@@ -84,8 +84,9 @@ class BoxTree:
         onward = np.arange(size) + np.concatenate(sizes[::-1])[order]
         onward = np.where(onward < size, size * np.arange(len(boxes))[:, None] + onward, 0)
         number = np.concatenate([np.full(size - len(numbers), -1), numbers])[order]
-        columns = (each[..., None].astype(boxes.dtype) for each in (onward, np.broadcast_to(number, onward.shape)))
-        nodes = np.concatenate([low, next(columns), high, next(columns)], axis=2)
+        number = np.broadcast_to(number, onward.shape)
+        onward, number = (each[..., None].astype(boxes.dtype) for each in (onward, number))
+        nodes = np.concatenate([low, onward, high, number], axis=2)
         lowest, highest = levels[-1][:, 0, :, 0].min(axis=0), levels[-1][:, 1, :, 0].max(axis=0)
         return cls(nodes=nodes.ravel(), low=tuple(lowest.tolist()), high=tuple(highest.tolist()), size=size)
 

@@ -450,7 +450,7 @@ class Repeated(_BeyondEnds):
     def jumps(self) -> bool:
         """True unless the last pose is the first."""
         if not self._jumps:
-            # A vehicle on its springs is less than a metre from its path, which takes a tenth of the time.
+            # The path takes a tenth of the time. A vehicle on its springs is less than a metre from it, at both ends.
             path = getattr(self.motion, "path", self.motion)
             first, last = (pose_at(path, time_s).position_m for time_s in self.motion.span_s)
             ends = (pose_at(self.motion, time_s) for time_s in self.motion.span_s)

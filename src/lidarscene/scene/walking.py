@@ -165,12 +165,12 @@ class _Way:
     """Strides from the start of a motion on: a curve, cubic between nodes, with the rate at each; as far as was asked.
 
     Attributes:
-        known: times of the nodes so far, and strides and rate at each
+        nodes: times of the nodes so far, and strides and rate at each
     """
 
     gait: Gait
     motion: Motion
-    known: tuple[Numbers, Numbers, Numbers] = (np.zeros(0), np.zeros(1), np.zeros(0))
+    nodes: tuple[Numbers, Numbers, Numbers] = (np.zeros(0), np.zeros(1), np.zeros(0))
 
     def __call__(self, time_s: Numbers) -> Numbers:
         """(n,) strides at (n,) times in the motion's span."""
@@ -179,25 +179,25 @@ class _Way:
         share = (float(np.fmax.reduce(time_s, initial=first_s)) - first_s) / (last_s - first_s)
         needed = min(int(share * steps) + 2, steps + 1)
         # Other threads ask, too: each goes by what it has seen.
-        known = self.known
-        if needed > len(known[0]):
-            known = self.known = self._grown(known, np.linspace(first_s, last_s, steps + 1), needed)
-        return _curve(*known, time_s)
+        nodes = self.nodes
+        if needed > len(nodes[0]):
+            nodes = self.nodes = self._grown(nodes, np.linspace(first_s, last_s, steps + 1), needed)
+        return _curve(*nodes, time_s)
 
     def _grown(
-        self, known: tuple[Numbers, Numbers, Numbers], all_s: Numbers, needed: int
+        self, nodes: tuple[Numbers, Numbers, Numbers], all_s: Numbers, needed: int
     ) -> tuple[Numbers, Numbers, Numbers]:
-        known_s, strides, rate = known
-        nodes_s = all_s[max(len(known_s) - 1, 0) : NODES * -(-needed // NODES)]
+        before_s, strides, rate = nodes
+        nodes_s = all_s[max(len(before_s) - 1, 0) : NODES * -(-needed // NODES)]
         rates, between = (
             self.gait._rate_hz(self.motion.at(times_s)) for times_s in (nodes_s, 0.5 * (nodes_s[1:] + nodes_s[:-1]))
         )
         # Simpson's rule.
         passed = np.diff(nodes_s) / 6.0 * (rates[:-1] + 4.0 * between + rates[1:])
         sums = np.cumsum(np.concatenate([strides[-1:], passed]))
-        new = slice(1 if len(known_s) else 0, None)
+        new = slice(1 if len(before_s) else 0, None)
         return (
-            np.concatenate([known_s, nodes_s[new]]),
+            np.concatenate([before_s, nodes_s[new]]),
             np.concatenate([strides, sums[1:]]),
             np.concatenate([rate, rates[new]]),
         )

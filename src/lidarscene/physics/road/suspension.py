@@ -139,7 +139,7 @@ def _steps(suspension: Suspension, step_s: float) -> tuple[Numbers, ...]:
 
 
 def matrix_exponential(matrix: Numbers) -> Numbers:
-    """exp of an (n, n) matrix: the square, again and again, of that of a part of it, which is a short Taylor series.
+    """Exponential of an (n, n) matrix: of 2^-k of the matrix by a Taylor series, and then squared k times.
 
     `scipy.linalg` has this, too, but takes 0.25 s to import, in each process that loads a scene with a ride.
     """

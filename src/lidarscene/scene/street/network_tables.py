@@ -235,7 +235,7 @@ def _on_relief(network: Network, relief: Relief) -> Network:
 
 def _bodies_of(kind: str) -> list[catalog.VehicleBody]:
     """Bodies that vehicles of a class of SUMO may have; those of cars if it has none, as a tram with the sensor."""
-    classes = sumo.known_of(kind)["bodies"] or sumo.CLASSES["passenger"]["bodies"]
+    classes = sumo.class_entry(kind)["bodies"] or sumo.CLASSES["passenger"]["bodies"]
     return [body for body in catalog.vehicles().values() if body.class_name in classes]
 
 
@@ -276,7 +276,7 @@ def _motion(mover: RoadUser, relief: Relief, *, at_end: str, tilts: bool = True)
 
 def _moving(movers: Sequence[RoadUser], relief: Relief) -> list[Tables]:
     """Bodies of all that moves, but for the own car: an instance with a motion for each."""
-    if lacking := sorted(kind for kind in {mover.kind for mover in movers} if not sumo.known_of(kind)["bodies"]):
+    if lacking := sorted(kind for kind in {mover.kind for mover in movers} if not sumo.class_entry(kind)["bodies"]):
         warn(OptionWarning("vehicles of {0} have no body and are left out", " and ".join(lacking)))
     motions: defaultdict[str, list[Tables]] = defaultdict(list)
     for mover in movers:

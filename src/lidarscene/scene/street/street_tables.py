@@ -198,7 +198,8 @@ def _strip(
     layout: Layout, block: Block, number: int, kind: str, width_m: float, offset_m: float, **keys: Any
 ) -> Tables:
     """Ground along a block, to the left of its middle or around it."""
-    side, material = ("", "_left", "_right")[int(np.sign(offset_m))], "asphalt" if kind == "road" else "concrete"
+    side = {0: "", 1: "_left", -1: "_right"}[int(np.sign(offset_m))]
+    material = "asphalt" if kind == "road" else "concrete"
     points = layout.line.points_m(block.begin_m, block.end_m, layout.profile)
     sizes = {"line": rounded(points, 4), "width_m": round(width_m, 3), "offset_m": round(offset_m, 4)}
     return ground(f"{kind}_{number}{side}", kind, material, **sizes, **keys)

@@ -149,7 +149,7 @@ class RoadUser:
     rows: list[Row] = field(default_factory=list)
 
 
-def known_of(kind: str) -> Mapping[str, Any]:
+def class_entry(kind: str) -> Mapping[str, Any]:
     """Length and bodies of a class of SUMO; those of cars where it does not say."""
     return {key: CLASSES.get(kind, {}).get(key, CLASSES["passenger"][key]) for key in ("length_m", "bodies")}
 
@@ -474,11 +474,11 @@ def drawn_scenario(source: str, network: Path, routes: Path, *, seed: int, last_
 
 def _types(files: Sequence[Path]) -> dict[str, tuple[str, float]]:
     """Class and length of the types of vehicles that files of routes define."""
-    types = {name: (kind, known_of(kind)["length_m"]) for name, kind in DEFAULT_TYPES.items()}
+    types = {name: (kind, class_entry(kind)["length_m"]) for name, kind in DEFAULT_TYPES.items()}
     for path in files:
         for element in _xml(path).iter("vType"):
             kind = element.get("vClass", "passenger")
-            length_m = float(element.get("length") or known_of(kind)["length_m"])
+            length_m = float(element.get("length") or class_entry(kind)["length_m"])
             types[element.get("id", "")] = kind, length_m
     return types
 
@@ -557,7 +557,7 @@ def _placed(
     thing: ElementTree.Element, types: Mapping[str, tuple[str, float]]
 ) -> tuple[str, float, tuple[float, float, float, float]]:
     """Class and length of a vehicle or person, and x and y of its middle, yaw [degrees], and height of its front."""
-    kind, length_m = types.get(thing.get("type", ""), ("passenger", known_of("passenger")["length_m"]))
+    kind, length_m = types.get(thing.get("type", ""), ("passenger", class_entry("passenger")["length_m"]))
     if thing.tag == "person":
         kind = "pedestrian"
     yaw_deg = 90.0 - float(thing.get("angle", 0.0))

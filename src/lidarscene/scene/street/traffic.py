@@ -234,7 +234,7 @@ def drive(layout: Layout) -> Traffic:
     if file.loop:  # to where it began, to the last millimetre
         ego_x_m *= way_m / ego_x_m[-1]
     tracks = [track for lane in lanes for track in _vehicle_tracks(layout, lane, time_s)]
-    del tracks[ego_index]
+    del tracks[ego_index]  # of the first lane
     for closing in closings:
         tracks += _crossing_tracks(layout, closing, time_s, random)
     tracks += _walking_tracks(layout, time_s, random)
