@@ -179,6 +179,7 @@ def test_our_own_files_are_recordings_too(tmp_path: Path, name: str) -> None:
 def test_a_folder_is_frames_by_the_numbers_in_their_names(tmp_path: Path) -> None:
     for number in (2, 10, 1):
         (tmp_path / f"{number}.bin").write_bytes((ROWS[:, :4] * number).tobytes())
+        (tmp_path / f"._{number}.bin").write_bytes(b"\0\5\x16\7")  # of macOS
     assert [float(sweep.range_m[0]) for sweep in open_recording(tmp_path)] == [3.0, 6.0, 30.0]
 
 
