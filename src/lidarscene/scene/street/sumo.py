@@ -56,6 +56,12 @@ SPREAD_M, SPREAD_WAY_M, REFUGE_SHARE = (1.2, 0.8), 20.0, 0.4
 """Choice: half the width of islands between the lanes of a drawn town at its roundabout, and at crossings of other
 junctions; distance over which lanes spread for them; and share of those junctions."""
 
+PLAIN_OUTPUT = (
+    *("--output-prefix", "", "--human-readable-time", "false"),
+    *("--fcd-output.geo", "false", "--fcd-output.attributes", "x,y,z,angle,type,vehicle"),
+)
+"""Arguments of SUMO that undo what a configuration says of its own outputs: names, clocks, degrees and columns."""
+
 TURN_M_S2 = 3.0
 """Choice: acceleration towards the middle of a turn at a junction of a drawn town."""
 
@@ -494,8 +500,7 @@ def simulate(scenario: Scenario, *, ego: str | None, shown_m: float, folder: Pat
         InputError: if SUMO refuses the scenario, or there is no such vehicle
     """
     output = folder / "fcd.xml"
-    period = ["--device.fcd.period", f"{POSE_S:g}"]
-    fcd = ["--fcd-output", str(output), *period, "--no-step-log"]
+    fcd = ["--fcd-output", str(output), "--device.fcd.period", f"{POSE_S:g}", "--no-step-log", *PLAIN_OUTPUT]
     dropped = [note for note in _run("sumo", [*scenario.arguments, *fcd], scenario.source) if "ignoring" in note]
     if dropped:
         more = f", and {len(dropped) - 1} more" if len(dropped) > 1 else ""
