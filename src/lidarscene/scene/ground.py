@@ -162,7 +162,8 @@ class Strip:
         # Few places are near more than two segments.
         (low_x, low_y), (high_x, high_y) = low_m[segments].T, high_m[segments].T
         near = (low_x <= x_m) & (x_m <= high_x) & (low_y <= y_m) & (y_m <= high_y)
-        place, segment = np.nonzero(near)
+        # Twice as fast as `numpy.nonzero` of two axes.
+        place, segment = np.divmod(np.flatnonzero(near), max(len(segments), 1))
         segment = segments[segment]
         (ahead_x, ahead_y), length_m, (begin, end) = (
             self._ahead[segment].T,
