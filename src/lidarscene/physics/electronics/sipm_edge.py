@@ -46,6 +46,10 @@ _STRETCHES = (0.5, 1.0, 2.0)
 """Accuracy bought: stretches of time on either side of the peak of which the one with the largest f counts, in
 sigma_p."""
 
+_FORGOTTEN = math.sqrt(4.0 / math.pi)
+"""Choice: most deviations by which a count on the edge exceeds its mean: (T119) of a level mean over a dead time, where
+S is 1. Over a stretch of several it is no random walk."""
+
 _SURE = 5.0
 """Accuracy bought: deviations above the level at which P_d is 1 in single precision."""
 
@@ -211,6 +215,7 @@ class CountEdge:
         reviving = self.cluster * per_pulse * _density(place - self.dead_time)
         steep = 2.0 * sigma * ops.maximum(arriving - reviving, 0.0) / (self.jumps + arriving + reviving + 1e-9)
         before = ops.maximum(passage.before, 1e-6)
+        before = ops.where(self.dead_time < _STRETCHES[-1], ops.minimum(before, _FORGOTTEN), before)
         return ops.maximum(sigma / ops.sqrt(steep * steep + 1.0 / (before * before)) - 0.5, 0.0)
 
 
