@@ -93,10 +93,10 @@ class CountEdge:
 
     @classmethod
     def from_cells(
-        cls, *, sigma_s: Lanes, rate_hz: Lanes, dead_time_s: Lanes, cells: Lanes, free: Lanes, variance: Lanes
+        cls, *, sigma_s: Lanes, rate_hz: Lanes, dead_time_s: Lanes, busy: Lanes, free: Lanes, variance: Lanes
     ) -> CountEdge:
         """Build from rate_hz, at which the background fires a ready cell, and the variance of the busy cells."""
-        ops = xp(sigma_s, rate_hz, free)
+        ops, cells = xp(sigma_s, rate_hz, free), busy + free
         dead_time = ops.maximum(dead_time_s / sigma_s, _SHORTEST)
         # Independent cells have the variance busy (free / N); they fire and revive busy / T times each.
         return cls(
@@ -105,7 +105,7 @@ class CountEdge:
             dead_time=dead_time,
             free=free,
             jumps=2.0 * variance * cells / free / dead_time,
-            cluster=variance * cells / ops.maximum(free * (cells - free), 1e-6 * free),
+            cluster=variance * cells / ops.maximum(free * busy, 1e-6 * free),
         )
 
     @property
