@@ -386,23 +386,6 @@ def test_without_panes_and_mirrors_nothing_changes():
     np.testing.assert_array_equal(cloud_3.interactions, 0)
 
 
-def test_a_second_frame_compiles_nothing_and_chunks_do_not_show():
-    moving = pane(10.0, 40.0)
-    moving = dataclasses.replace(moving, motion=Course(start=moving.pose, velocity_m_s=(0.0, 5.0, 0.0)))
-    bodies = [moving, pane(14.0, 20.0, material="mirror", name="m"), chain.facing(range_m=30.0, size_m=60.0)]
-    described = chain.scene(*bodies, materials=MATERIALS)
-    sensor = chain.sensor("table1-apd", "scanner.azimuth_step_deg=1", "scanner.elevation_step_deg=1")
-    simulator = Simulator(described, sensor)
-    whole, before = kernels(simulator, seed=1, chunk=1024)
-    parts, ran = kernels(simulator, seed=1, chunk=512)
-    np.testing.assert_array_equal(whole.xyz_m, parts.xyz_m)
-    np.testing.assert_array_equal(whole.interactions, parts.interactions)
-    _, ran_too = kernels(simulator, seed=2, number=3)
-    launches.assert_none_is_new(ran, before)
-    launches.assert_none_is_new(ran_too, before)
-    assert set(whole.interactions) >= {0, 1}
-
-
 def test_a_single_pulse_that_meets_glass_is_told_once():
     """It is traced on two lanes. A pane that a single beam meets."""
     described = chain.scene(pane(10.0, 20.0, size_m=0.15), chain.facing(range_m=30.0, size_m=60.0), materials=MATERIALS)
