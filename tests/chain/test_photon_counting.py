@@ -16,12 +16,7 @@ from lidarscene.scene.weather import Weather
 
 pytestmark = pytest.mark.usefixtures("mi")
 
-RASTER = [
-    "scanner.azimuth_fov_deg=10",
-    "scanner.elevation_fov_deg=6",
-    "scanner.azimuth_step_deg=0.2",
-    "scanner.elevation_step_deg=0.2",
-]
+RASTER = chain.raster(10, 6, 0.2)
 
 
 def scene(**options):

@@ -21,12 +21,7 @@ from lidarscene.scene.weather import Weather
 
 pytestmark = pytest.mark.usefixtures("mi")
 
-RASTER = [
-    "scanner.azimuth_fov_deg=30",
-    "scanner.elevation_fov_deg=20",
-    "scanner.azimuth_step_deg=0.1",
-    "scanner.elevation_step_deg=0.1",
-]
+RASTER = chain.raster(30, 20, 0.1)
 
 
 def mixed_scene():
@@ -144,7 +139,7 @@ def prisms(scale, **numbers):
 def coarse(words):
     """A sensor by its name and overrides, of a beam for each half of a degree."""
     name, *overrides = words.split()
-    return chain.sensor(name, *RASTER[:2], "scanner.azimuth_step_deg=0.5", "scanner.elevation_step_deg=0.5", *overrides)
+    return chain.sensor(name, *chain.raster(30, 20, 0.5), *overrides)
 
 
 APD = "table1-apd detector.gain=60 laser.peak_power_w=20 tdc.threshold_to_noise=6 optics.aperture_radius_mm=10"

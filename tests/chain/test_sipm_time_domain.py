@@ -11,13 +11,7 @@ from lidarscene.rendering.stages import ambient_of
 
 pytestmark = pytest.mark.usefixtures("mi")
 
-RASTER = [
-    "scanner.azimuth_fov_deg=30",
-    "scanner.elevation_fov_deg=20",
-    "scanner.azimuth_step_deg=0.1",
-    "scanner.elevation_step_deg=0.1",
-    "detector.statistics='time_domain'",
-]
+RASTER = [*chain.raster(30, 20, 0.1), "detector.statistics='time_domain'"]
 
 
 def scene():

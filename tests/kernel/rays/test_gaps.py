@@ -17,12 +17,7 @@ from lidarscene.scene.scene import Sun
 pytestmark = pytest.mark.usefixtures("mi")
 
 COVER = 0.3
-GRID = (
-    "scanner.azimuth_fov_deg=4",
-    "scanner.elevation_fov_deg=4",
-    "scanner.azimuth_step_deg=0.05",
-    "scanner.elevation_step_deg=0.05",
-)
+GRID = chain.raster(4, 4, 0.05)
 """81 x 81 beams."""
 
 

@@ -252,12 +252,7 @@ def test_against_a_ray_tracer_of_planes():
     ranges in single precision over five segments, and cosines of 1e-6 on which Fresnel's equations depend steeply.
     """
     rng = np.random.default_rng(12)
-    overrides = (
-        "scanner.azimuth_fov_deg=8",
-        "scanner.elevation_fov_deg=8",
-        "scanner.azimuth_step_deg=0.8",
-        "scanner.elevation_step_deg=0.8",
-    )
+    overrides = chain.raster(8, 8, 0.8)
     compared = {0: 0, 1: 0}
     for _ in range(6):
         bodies, planes = [], []
