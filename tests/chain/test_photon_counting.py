@@ -71,10 +71,7 @@ def test_many_spads_together_in_the_dark_have_a_signal_to_noise_ratio():
 def test_spads_that_come_back_are_found_on_the_device_too():
     """2,000 strong echoes in the sun, a third with a hump above the threshold: 1 % may be others, as above."""
     counter = photons.sensor(
-        "detector.spads=16",
-        "histogram.shots=120",
-        "histogram.stops=2",
-        "detector.dead_time_ns=20",
+        "detector.spads=16 histogram.shots=120 histogram.stops=2 detector.dead_time_ns=20",
         "histogram.threshold_slope=0.33",
     )
     light = photons.echoes_of(counter, 30.0, count=2_000, illuminance_klux=0.0)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -37,8 +38,13 @@ NARROW = raster(0.02, 0.02, 0.01)
 """A raster of 3 x 3 beams around the x axis; the middle one, number 4, is exactly on it."""
 
 
+def words(*overrides: str) -> list[str]:
+    """Overrides one by one, where a text may have several."""
+    return [word for text in overrides for word in re.split(r" (?=[\w.]+=)", text)]
+
+
 def sensor(name: str, *overrides: str) -> Sensor:
-    return load_sensor(name, overrides=list(overrides))
+    return load_sensor(name, overrides=words(*overrides))
 
 
 def diffuse(name: str = "grey", reflectivity: float = 0.1) -> Material:
