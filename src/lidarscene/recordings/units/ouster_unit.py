@@ -45,6 +45,11 @@ FIRST_ORIGIN_MM = 12.163
 """Source: ouster-sdk; this distance of an OS1 of the first generation, and of files that name no product."""
 
 
+LOW_RATE, LOW_RATE_STEP_M = "RNG15", 0.008
+"""Source: ouster-sdk, field_value_mask("RANGE") of its PacketFormat; name in all profiles of a low data rate, and the
+step of their ranges."""
+
+
 def read_ouster(path: Path, mode: str | None = None, *, text: str | None = None) -> Unit:
     """Read the metadata; ``mode`` of the firmware replaces the one that they name.
 
@@ -98,6 +103,7 @@ def read_ouster(path: Path, mode: str | None = None, *, text: str | None = None)
             "columns_per_turn": int(mode_match[1]),
             "start_azimuth_deg": round(start_deg, 6),
         },
+        range_step_m=LOW_RATE_STEP_M if LOW_RATE in str(metadata.get("udp_profile_lidar")) else None,
         comments=tuple(comments),
     )
 
