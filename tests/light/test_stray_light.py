@@ -202,13 +202,8 @@ def test_points_of_stray_light_in_a_histogram():
     """
     sensor = photons.spinning(
         f"scanner.elevation_deg={[float(row) for row in range(ROWS)]}",
-        "scanner.columns_per_turn=1024",
-        "histogram.stops=2",
-        "histogram.threshold_floor=20",
-        "detector.spads=4096",
-        "optics.stray.share=1e-2",
-        "optics.stray.half_angle_deg=2",
-        "optics.stray.veil=1e-3",
+        "scanner.columns_per_turn=1024 histogram.stops=2 histogram.threshold_floor=20 detector.spads=4096",
+        "optics.stray.share=1e-2 optics.stray.half_angle_deg=2 optics.stray.veil=1e-3",
     )
     point = sensor.working_point(np.zeros(1))
     wall_w, least_w = (float(np.ravel(point.response.power_w(np.array([count])))[0]) for count in (300.0, 400.0))
@@ -238,11 +233,8 @@ def glare(*keys, sign=5):
     """
     sensor = photons.spinning(
         f"scanner.elevation_deg={[float(row) for row in range(ROWS)]}",
-        "scanner.columns_per_turn=1024",
-        "detector.spads=4096",
-        "optics.stray.share=0",
-        "optics.stray.glare_photons=500",
-        "optics.stray.glare_reach_m=2.5",
+        "scanner.columns_per_turn=1024 detector.spads=4096 optics.stray.share=0",
+        "optics.stray.glare_photons=500 optics.stray.glare_reach_m=2.5",
         *keys,
     )
     point = sensor.working_point(np.zeros(1))

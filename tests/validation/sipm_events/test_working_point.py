@@ -130,12 +130,8 @@ def test_detection_by_events(cells, pde, dead_ns, fwhm_ns, klux, expected, half)
     sensors = {
         statistics: chain.sensor(
             "table1-sipm",
-            f"detector.statistics='{statistics}'",
-            f"detector.cells={cells}",
-            f"detector.pde={pde}",
-            f"detector.dead_time_ns={dead_ns}",
-            f"laser.pulse_fwhm_ns={fwhm_ns}",
-            "detector.cell_floor=1",
+            f"detector.statistics='{statistics}' detector.cells={cells} detector.pde={pde}",
+            f"detector.dead_time_ns={dead_ns} laser.pulse_fwhm_ns={fwhm_ns} detector.cell_floor=1",
         )
         for statistics in ("time_domain", "steady_state")
     }
@@ -176,9 +172,7 @@ def test_raw_edge_by_events(dead_ns, fwhm_ns, klux, distance_m):
     """
     sensor = chain.sensor(
         "table1-sipm",
-        "detector.statistics='time_domain'",
-        f"detector.dead_time_ns={dead_ns}",
-        f"laser.pulse_fwhm_ns={fwhm_ns}",
+        f"detector.statistics='time_domain' detector.dead_time_ns={dead_ns} laser.pulse_fwhm_ns={fwhm_ns}",
         "tdc.walk='raw'",
     )
     target, shots, draws = Target(illuminance_klux=klux), 2000, 20_000
