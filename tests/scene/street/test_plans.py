@@ -429,6 +429,16 @@ def test_a_vehicle_of_sumo_has_its_middle_behind_its_front() -> None:
     np.testing.assert_allclose(pose, (4.0, 5.0, 0.0, 2.0), atol=1e-12)
 
 
+def test_who_rolls_in_sumo_rolls(tmp_path: Path) -> None:
+    """People whose type is of SUMO's class `wheelchair`, which is 1.2 m long by default; all others walk."""
+    (tmp_path / "a.rou.xml").write_text('<routes><vType id="rolls" vClass="wheelchair"/><vType id="slow"/></routes>')
+    types = sumo._types([tmp_path / "a.rou.xml"])
+    people = [ElementTree.Element("person", {"type": kind, "x": "10", "angle": "90"}) for kind in ("rolls", "slow")]
+    (kind, length_m, pose), (other, *_) = (sumo._placed(thing, types) for thing in people)
+    assert (kind, length_m, other) == ("wheelchair", 1.2, "pedestrian")
+    assert pose[0] == pytest.approx(9.4)
+
+
 @pytest.mark.parametrize("streets", [3, 4])
 def test_a_drawn_town_is_a_grid_with_slopes_and_roads_that_spread(
     streets: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -558,7 +558,7 @@ def _placed(
 ) -> tuple[str, float, tuple[float, float, float, float]]:
     """Class and length of a vehicle or person, and x and y of its middle, yaw [degrees], and height of its front."""
     kind, length_m = types.get(thing.get("type", ""), ("passenger", class_entry("passenger")["length_m"]))
-    if thing.tag == "person":
+    if thing.tag == "person" and kind != "wheelchair":
         kind = "pedestrian"
     yaw_deg = 90.0 - float(thing.get("angle", 0.0))
     back_m = 0.5 * length_m
