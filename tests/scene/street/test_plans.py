@@ -4,6 +4,7 @@ import itertools
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -427,6 +428,33 @@ def test_a_vehicle_of_sumo_has_its_middle_behind_its_front() -> None:
     kind, length_m, pose = sumo._placed(thing, {"bus": ("bus", 12.0)})
     assert (kind, length_m) == ("bus", 12.0)
     np.testing.assert_allclose(pose, (4.0, 5.0, 0.0, 2.0), atol=1e-12)
+
+
+@pytest.mark.parametrize("keeps_to", [-1.0, 1.0])
+def test_kerbs_of_pavements_are_where_the_road_is(keeps_to: float) -> None:
+    """Lanes begin at the side that traffic keeps to; a road of one direction may have pavements on both sides."""
+
+    def lane(kind: str, y_m: float) -> SimpleNamespace:
+        points_m = [(0.0, y_m, 0.0), (50.0, y_m, 0.0)]
+        return SimpleNamespace(getShape3D=lambda: points_m, getWidth=lambda: 2.0, allows=lambda asked: asked == kind)
+
+    lanes = [lane("pedestrian", 3.0 * keeps_to), lane("bus", 0.0), lane("pedestrian", -3.0 * keeps_to)]
+    node = SimpleNamespace(getType=lambda: "priority")
+    edge = SimpleNamespace(getLanes=lambda: lanes, getToNode=lambda: node, getID=lambda: "a", getSpeed=lambda: 9.0)
+    pavements = [group.line_m for group in sumo._groups(edge) if group.kind == "pavement"]
+    assert len(pavements) == 2
+    for line_m in pavements:
+        assert np.sign(line_m[1, 0] - line_m[0, 0]) == -np.sign(line_m[0, 1]), "the road is to the left"
+
+
+def test_who_rolls_in_sumo_rolls(tmp_path: Path) -> None:
+    """People whose type is of SUMO's class `wheelchair`, which is 1.2 m long by default; all others walk."""
+    (tmp_path / "a.rou.xml").write_text('<routes><vType id="rolls" vClass="wheelchair"/><vType id="slow"/></routes>')
+    types = sumo._types([tmp_path / "a.rou.xml"])
+    people = [ElementTree.Element("person", {"type": kind, "x": "10", "angle": "90"}) for kind in ("rolls", "slow")]
+    (kind, length_m, pose), (other, *_) = (sumo._placed(thing, types) for thing in people)
+    assert (kind, length_m, other) == ("wheelchair", 1.2, "pedestrian")
+    assert pose[0] == pytest.approx(9.4)
 
 
 @pytest.mark.parametrize("streets", [3, 4])
