@@ -279,3 +279,5 @@ def test_a_wrong_address(
     assert message.startswith(f"lidarscene: error: no Dask scheduler answers at {address}: ")
     assert message.endswith(reasons)
     assert message.count("\n") == 1
+    assert main.main(["batch", str(job_file), "-o", str(tmp_path / "out"), "--scheduler", "nonsense"]) == 1
+    assert "no Dask scheduler answers at nonsense: missing port" in capsys.readouterr().err

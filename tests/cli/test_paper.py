@@ -63,15 +63,7 @@ def test_pictures_are_pictures(folder: Path, name: str) -> None:
 
 @pytest.mark.parametrize(
     ("name", "first"),
-    [
-        ("fig-4e", "gain"),
-        ("fig-5a", "photons"),
-        ("fig-5b", "photons"),
-        ("fig-5c", "photons"),
-        ("fig-6a", "distance_m"),
-        ("fig-6b", "elevation_deg"),
-        ("fig-6c", "illuminance_klux"),
-    ],
+    zip(STEMS, ["gain", *["photons"] * 3, "distance_m", "elevation_deg", "illuminance_klux"], strict=True),
 )
 def test_csv(folder: Path, name: str, first: str) -> None:
     with (folder / f"{name}.csv").open(newline="", encoding="utf-8") as file:
