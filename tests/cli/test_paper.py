@@ -63,7 +63,7 @@ def test_pictures_are_pictures(folder: Path, name: str) -> None:
 
 @pytest.mark.parametrize(
     ("name", "first"),
-    zip(STEMS, ["gain", *["photons"] * 3, "distance_m", "elevation_deg", "illuminance_klux"], strict=True),
+    list(zip(STEMS, ["gain", *["photons"] * 3, "distance_m", "elevation_deg", "illuminance_klux"], strict=True)),
 )
 def test_csv(folder: Path, name: str, first: str) -> None:
     with (folder / f"{name}.csv").open(newline="", encoding="utf-8") as file:
