@@ -159,9 +159,7 @@ def test_progress_is_that_of_the_run(mi, moving: str) -> None:
         (("a.ply", {"waveforms": "w.npz", "pulses": [BEAMS]}), {}, "pulses | 0 | 230"),
     ],
 )
-def test_mistakes_are_told_in_the_words_of_python(
-    run: Run, moving: str, tmp_path: Path, files: tuple[Any, ...], options: dict[str, Any], named: str
-) -> None:
+def test_mistakes_are_told_in_the_words_of_python(run, moving, tmp_path, files, options, named):
     before = file_contents(tmp_path)
     path, *more = files
     with told(named):
