@@ -63,17 +63,23 @@ def test_light_is_conserved():
     assert stray_w.sum() == pytest.approx((power.reshape(4, ROWS) * shares().sum(axis=0)).sum(), rel=1e-5)
 
 
-def test_light_from_several_ranges():
+@pytest.mark.parametrize(
+    ("overrides", "sigma_m"),
+    [((), SIGMA_M), (("receiver.response='gaussian'", "tdc.bandwidth_mhz=47.9404567"), 2.0 * SIGMA_M)],
+)
+def test_light_from_several_ranges(overrides, sigma_m):
     """Sources spread over some widths of the pulse: the range of the strongest, and the sum of Gaussians there, which
-    is the second road: pulse by pulse, (T123) written out.
+    is the second road: pulse by pulse, (T123) written out. The low pass makes pulses twice as long.
     """
     power, place = RANDOM.exponential(size=(2, ROWS)), 50.0 + RANDOM.normal(scale=2.0 * SIGMA_M, size=(2, ROWS))
-    range_m, stray_w = stray_of(trains.train(place.reshape(-1, 1), power.reshape(-1, 1)))
+    range_m, stray_w = stray_of(
+        trains.train(place.reshape(-1, 1), power.reshape(-1, 1)), sensor=volley.sensor(*overrides)
+    )
     for line in range(2):
         for row in range(ROWS):
             reached = shares()[row] * power[line]
             strongest = place[line][np.argmax(reached)]
-            course = np.sum(reached * np.exp(-0.5 * ((place[line] - strongest) / SIGMA_M) ** 2))
+            course = np.sum(reached * np.exp(-0.5 * ((place[line] - strongest) / sigma_m) ** 2))
             assert range_m[line * ROWS + row] == strongest
             assert stray_w[line * ROWS + row] == pytest.approx(course, rel=1e-5)
 

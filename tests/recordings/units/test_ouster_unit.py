@@ -11,6 +11,7 @@ import pytest
 from helpers.mistakes import told
 from helpers.recordings import OUSTER
 
+from lidarscene.physics.optics.radiometry import range_from_time_of_flight_m
 from lidarscene.recordings.units.unit_file import read_unit, write_unit
 from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.sensor.sensor_model import Sensor
@@ -59,12 +60,27 @@ def test_modes_give_columns_turns_and_the_rate(tmp_path: Path) -> None:
     assert write_and_load(tmp_path).scanner.pulses == 1024 * 32
 
 
+def test_ranges_have_the_steps_of_their_profile(tmp_path: Path, library: Callable[[str], Any]) -> None:
+    """By the bits that the maker's own library reads; rationale: an OS1-128's steps of 8 mm told it from its twin."""
+    core = library("ouster.sdk.core")
+    content, steps_mm = json.loads(JSON.read_text()), {}
+    for name in (name for name in core.UDPProfileLidar.__members__ if "RNG" in name):
+        content["data_format"]["udp_profile_lidar"] = name
+        (tmp_path / "unit.json").write_text(json.dumps(content))
+        mask = core.PacketFormat(core.SensorInfo(json.dumps(content))).field_value_mask("RANGE")
+        step_s = write_and_load(tmp_path, tmp_path / "unit.json").tdc.least_significant_bit_s
+        steps_mm[name] = mask & -mask
+        step_mm = 1e3 * range_from_time_of_flight_m(time_of_flight_s=step_s)
+        assert step_mm == pytest.approx(steps_mm[name], rel=1e-5), name
+    assert set(steps_mm.values()) == {1, 8}
+
+
 def test_first_firmware_does_not_say_where_the_beams_begin(tmp_path: Path) -> None:
     """Rationale: the maker's library takes 27.67 mm for an OS0 then (firmware 1.14)."""
     old = {key: value for key, value in json.loads(JSON.read_text()).items() if "origin" not in key}
     old.pop("beam_to_lidar_transform", None)
     source = tmp_path / "old.json"
-    source.write_text(json.dumps(old))
+    source.write_text(json.dumps(old), encoding="utf-16")  # as of PowerShell
     assert read_unit(source).lists["forward_mm"][0] == 27.67
 
 

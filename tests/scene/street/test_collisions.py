@@ -89,7 +89,8 @@ def collisions(times_s: np.ndarray, **keys: Any) -> dict[tuple[str, str], float]
         for a, b in pairs_that_meet(boxes, still):
             found.setdefault((moved[a], names[b]), time_s)
         for a, b in pairs_that_meet(boxes, boxes):
-            if a < b:
+            # Hands hold the pram that they push.
+            if a < b and moved[b] != moved[a].replace("walkers_woman_pram", "prams"):
                 found.setdefault((moved[a], moved[b]), time_s)
     return found
 

@@ -486,6 +486,14 @@ def test_one_of_24_who_move_rolls_in_a_wheelchair_and_nobody_who_stands(seed: in
         assert (np.hypot(*np.diff(places_m, axis=0).T) > 0.0).all()
 
 
+def test_a_pram_rolls_before_who_pushes_it() -> None:
+    """Each that pushes has one, which goes where its pusher goes, and rolls."""
+    bodies = {body["name"]: body for body in street_tables(street(1, walking_spacing_m=(15.0, 30.0)))["bodies"]}
+    pusher, pram = bodies["walkers_woman_pram"], bodies["prams"]
+    assert (pram["class"], pram["animation"], pram["on_ground"]) == ("pram", "roll", True)
+    assert pram["instances"] == pusher["instances"]
+
+
 def test_a_wet_street_has_wet_ground_and_nothing_else() -> None:
     dry, wet = (street_tables(street(4, wet=is_wet))["bodies"] for is_wet in (False, True))
     changed = {(a["material"], b["material"]) for a, b in zip(dry, wet, strict=True) if a != b}

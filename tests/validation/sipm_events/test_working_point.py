@@ -187,6 +187,29 @@ def test_raw_edge_by_events(dead_ns, fwhm_ns, klux, distance_m):
     assert error_m.std() == pytest.approx(deviation_m, rel=0.07 + 4.0 / math.sqrt(2.0 * shots))
 
 
+def test_a_pulse_of_many_dead_times_crosses_while_it_lasts():
+    """Ten dead times, detected in half of the shots: raw ranges to half of the pulse's width, where a random walk that
+    never forgets would be 1.4 widths early.
+    """
+    fwhm_m = 0.5 * SPEED_OF_LIGHT_M_S * 60e-9
+    sensor = chain.sensor(
+        "table1-sipm",
+        "detector.statistics='time_domain'",
+        "detector.cell_floor=1",
+        "laser.pulse_fwhm_ns=60",
+        "tdc.walk='raw'",
+        "tdc.window_us=20",
+    )
+    target = Target(illuminance_klux=1.0)
+    distance_m = plane.range_at_probability_m(sensor, target, 0.5)
+    light = plane.echoes_of_plane(sensor, target, np.full(4000, distance_m))
+    threshold = float(sensor.threshold(sensor.working_point(light.background_power_w))[0])
+    events = measure(*events_of_plane(sensor, target, distance_m), threshold=threshold, shots=400, seed=8)
+    stop = detect(light, sensor, seed=7).stops[0]
+    error_m = stop.range_m[stop.reported & (stop.status == int(Status.ECHO))] - distance_m
+    assert error_m.mean() / fwhm_m == pytest.approx(0.5 * SPEED_OF_LIGHT_M_S * events.crossing_s / fwhm_m, abs=0.5)
+
+
 WEAK = Light(background_photons=686.093, signal_photons=311.96, pulse_fwhm_s=6e-9)
 
 

@@ -45,6 +45,11 @@ FIRST_ORIGIN_MM = 12.163
 """Source: ouster-sdk; this distance of an OS1 of the first generation, and of files that name no product."""
 
 
+LOW_RATE, LOW_RATE_STEP_M = "RNG15", 0.008
+"""Source: ouster-sdk, field_value_mask("RANGE") of its PacketFormat; name in all profiles of a low data rate, and the
+step of their ranges."""
+
+
 def read_ouster(path: Path, mode: str | None = None, *, text: str | None = None) -> Unit:
     """Read the metadata; ``mode`` of the firmware replaces the one that they name.
 
@@ -55,7 +60,7 @@ def read_ouster(path: Path, mode: str | None = None, *, text: str | None = None)
         InputError: if a file, a key or a value cannot be understood
     """
     with input_errors(path):
-        metadata = dict(_leaves(json.loads(path.read_text(encoding="utf-8") if text is None else text)))
+        metadata = dict(_leaves(json.loads(path.read_bytes() if text is None else text)))
     altitude, azimuth = (
         _angles(path, metadata, "beam_altitude_angles"),
         _angles(path, metadata, "beam_azimuth_angles"),
@@ -98,6 +103,7 @@ def read_ouster(path: Path, mode: str | None = None, *, text: str | None = None)
             "columns_per_turn": int(mode_match[1]),
             "start_azimuth_deg": round(start_deg, 6),
         },
+        range_step_m=LOW_RATE_STEP_M if LOW_RATE in str(metadata.get("udp_profile_lidar")) else None,
         comments=tuple(comments),
     )
 

@@ -59,6 +59,7 @@ class Unit:
         lists: lists by key of `[scanner]`: elevation, offset of the azimuth (counter-clockwise from above), place of
             the exit in the head
         scanner: other keys of `[scanner]` -> value
+        range_step_m: step of the ranges that it sends; None: its model's
         comments: lines on parts of the description for which a sensor file has no key
     """
 
@@ -66,4 +67,5 @@ class Unit:
     name: str
     lists: dict[str, tuple[float, ...]]
     scanner: dict[str, float] = field(default_factory=dict)
+    range_step_m: float | None = None
     comments: tuple[str, ...] = ()

@@ -11,6 +11,7 @@ from ... import catalog
 from ...errors import InputError, OptionError
 from ...files.atomic import put_text
 from ...files.toml_edit import KeyPath, get_value, put_values, remove_values
+from ...physics.optics.radiometry import time_of_flight_s
 from ...sensor.sensor_file import sensor_from_tables
 from ..opening import open_recording
 from ..pcap_reader import json_beside
@@ -142,6 +143,10 @@ def _file_text(unit: Unit, source: Path, model: str, text: str) -> tuple[str, li
     values |= {("scanner", key): list(unit.lists[key]) for key in LIST_KEYS if key in unit.lists}
     values["sources", "scanner"] = _one_line(f"unit-specific: {source.name}")
     values |= {("sources", f"scanner.{key}"): f"of the catalogue's {model}" for key in kept}
+    if unit.range_step_m is not None:
+        receiver = "tdc" if get_value(text, ("histogram",)) is None else "histogram"
+        values[receiver, "lsb_ps"] = 1e12 * float(time_of_flight_s(range_m=unit.range_step_m))
+        values["sources", f"{receiver}.lsb_ps"] = _one_line(f"unit-specific: {source.name}, its profile")
     head = "".join(f"# {_one_line(comment)}\n" for comment in unit.comments)
     return head + put_values(remove_values(text, removed), values, digits=ALL_DIGITS), notes
 

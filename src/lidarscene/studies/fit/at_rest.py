@@ -248,8 +248,8 @@ def _energy(pixels: PixelsAtRest, sensor: Sensor) -> Law:
         return (), None, {ENERGY: "no strengths are recorded"}
     with np.errstate(divide="ignore", invalid="ignore"):
         logs = np.where(pixels.strength > 0.0, np.log(pixels.strength), np.nan)
-    strength, range_m = np.nanmean(pixels.strength, axis=0), pixels.mean_m
-    keys = 2.0 * np.log2([np.maximum(strength, LEAST_OF_STRENGTH), range_m])
+    strength, range_m = np.maximum(np.nanmean(pixels.strength, axis=0), LEAST_OF_STRENGTH), pixels.mean_m
+    keys = 2.0 * np.log2([strength, range_m])
     members, recorded = _binned(pixels, keys, np.diff(logs, axis=0) / math.sqrt(2.0))
     terms = np.stack([np.ones_like(range_m), strength**-2.0, range_m**2 / strength])
     if recorded is not None:
