@@ -27,16 +27,8 @@ def moving(run: Run, tmp_path: Path) -> str:
     return write_moving_rig(tmp_path)
 
 
-EVERY = {
-    "picture": "{}/p.png",
-    "missed": "{}/m.npz",
-    "ambient": "{}/a.png",
-    "range_image": "{}/r.png",
-    "waveforms": "{}/w.npz",
-    "deskew": True,
-    "labels": "kitti",
-    "pulses": (3, 100),
-}
+EVERY = {"picture": "{}/p.png", "missed": "{}/m.npz", "ambient": "{}/a.png", "range_image": "{}/r.png"}
+EVERY |= {"waveforms": "{}/w.npz", "deskew": True, "labels": "kitti", "pulses": (3, 100)}
 EVERY_ASKED = (
     "--picture {}/p.png --keep-missed {}/m.npz --ambient {}/a.png --range-image {}/r.png --waveforms {}/w.npz --deskew "
     "--labels kitti --pulses 3,100"
