@@ -219,9 +219,7 @@ def planted(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("where", ["scene", "current", "path", "climbing", "absolute", "parameter"])
-def test_a_library_beside_a_scene_does_not_run(
-    mi: ModuleType, planted: Path, monkeypatch: pytest.MonkeyPatch, where: str
-) -> None:
+def test_a_library_beside_a_scene_does_not_run(mi, planted, monkeypatch, where):
     """Rationale: Mitsuba loads plugins from `plugins/` of each folder of its search path, and by paths as names."""
     folder, scenes = planted.parent, planted.parent / ("." if where == "scene" else "scenes")
     scenes.mkdir(exist_ok=True)

@@ -2,7 +2,6 @@
 
 import itertools
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -25,14 +24,7 @@ from lidarscene.scene.street.street_file import StreetFile
 LEVEL = lines.Profile(np.array([-1e4, 1e4]), np.zeros(2))
 
 
-def road(
-    line_m: Sequence[Sequence[float]],
-    *width_m: float,
-    kind: str = "road",
-    edge: str = "a",
-    lights: bool = False,
-    speed_m_s: float = 14.0,
-) -> sumo.LaneGroup:
+def road(line_m, *width_m, kind="road", edge="a", lights=False, speed_m_s=14.0):
     return sumo.LaneGroup(kind, np.array(line_m, float), width_m or (3.0,), edge, lights, speed_m_s)
 
 
@@ -458,9 +450,7 @@ def test_who_rolls_in_sumo_rolls(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("streets", [3, 4])
-def test_a_drawn_town_is_a_grid_with_slopes_and_roads_that_spread(
-    streets: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_drawn_town_is_a_grid_with_slopes_and_roads_that_spread(streets, tmp_path, monkeypatch):
     """SUMO is not run: slopes of neighbours, two directions of each street, a ring whose pieces go round it once."""
     monkeypatch.setattr(sumo, "_run", lambda *_: [])
     net, loop = sumo.draw_town(streets, tmp_path, seed=3, slopes=(0.02, 0.05))
@@ -561,9 +551,7 @@ def test_markings_of_a_network_are_where_lanes_end_and_meet(crossroads: sumo.Net
     assert all(np.ptp(np.array(body["line"])[:, int("line_4" in body["name"])]) > 20.0 for body in edges)
 
 
-def test_what_stands_by_a_network_faces_the_road_and_stands_off_it(
-    crossroads: sumo.Network, relief: terrain.Relief
-) -> None:
+def test_what_stands_by_a_network_faces_the_road_and_stands_off_it(crossroads, relief):
     """Lights to the right of the lanes and the cycle path; rails on both sides of a bridge and of fast roads."""
     roadside = tables._Roadside(crossroads, StreetFile(house_share=(1.0, 1.0)), None)
     roadside.lights(crossroads)
