@@ -118,6 +118,7 @@ def test_shares_are_within_one_of_what_was_asked() -> None:
     [draws.scene]\n"sun.illumination" = [1] | illumination
     [draws.scene]\n"ego" = [{ poses_file = "drive.csv" }] | draws.scene.ego | files
     RAIN[draws.scene]\n"weather.rain_mm_h" = [1] | draws.scene.weather.rain_mm_h | is in
+    dataset = "nuscenes"\nframes = 3\nrigs = ["uneven.toml"] | 3 frames | together | 'quick' | 'slow'
     """,
     BY_DRIVE=SPLITS,
     SHARES=SHARES,
@@ -125,6 +126,8 @@ def test_shares_are_within_one_of_what_was_asked() -> None:
 )
 def test_mistakes(tmp_path: Path, given: str, named: str) -> None:
     (tmp_path / "drive.csv").write_text("0 0 0 0 0 0 0 1\n")
+    slow = 'set = ["laser.repetition_rate_khz=10"]'
+    (tmp_path / "uneven.toml").write_text(rig_text(("quick", "table1-apd"), ("slow", "table1-apd", slow)))
     with told(f"job.toml | {named}"):
         read_job(tmp_path, f"{given}\n")
 

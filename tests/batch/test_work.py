@@ -53,28 +53,6 @@ def cause_of(task: FrameTask, store: Store) -> str:
     return cause
 
 
-def test_the_bytes_are_those_of_render(job: Job, tmp_path: Path) -> None:
-    """Rationale: same scene, sensor, changes and seed, same file. Four frames of one world, which was compiled for
-    the first of them only.
-    """
-    store = Store(tmp_path / "out")
-    for task in job.tasks():
-        rendered_file = tmp_path / "alone.ply"
-        klux = task.parameters["scene.sun.illuminance_klux"]
-        argv = [
-            "render",
-            str(tmp_path / "wall.toml"),
-            "-o",
-            str(rendered_file),
-            *COARSE,
-            "--seed",
-            str(task.frame.seed),
-        ]
-        assert main.main([*argv, "--scene-set", f"sun.illuminance_klux={klux}"]) == 0
-        assert render_in_process(task, store).read_bytes() == rendered_file.read_bytes()
-    assert len(list((tmp_path / "out" / "frames").rglob("*.ply"))) == len(job) == 4
-
-
 def test_with_several_rays_too(job_file: Path, tmp_path: Path) -> None:
     """The wall stands behind a pane, which one interaction goes through."""
     pane = (tmp_path / "wall.toml").read_text().replace("wall", "pane").replace("concrete", "clear_glass")
@@ -102,21 +80,6 @@ def test_of_a_rig_too(job_file: Path, tmp_path: Path) -> None:
             assert render_in_process(task, store).read_bytes() == rendered_file.read_bytes()
             compared += 1
     assert compared == 4
-
-
-def test_a_world_is_compiled_once(job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    compiled = []
-    build = work.Simulator
-
-    def build_and_count(*arguments: Any, **options: Any) -> Simulator:
-        if options.get("world") is None:
-            compiled.append(1)
-        return build(*arguments, **options)
-
-    monkeypatch.setattr(work, "Simulator", build_and_count)
-    for task in job.tasks():
-        render_in_process(task, Store(tmp_path / "out"))
-    assert len(compiled) == 1
 
 
 def test_a_sensor_elsewhere_has_a_world_of_its_own(
@@ -180,12 +143,6 @@ def test_no_more_than_a_few_things_are_kept() -> None:
     get_cached(1)
     assert made_keys == [*range(work.CACHED), 99, 1]
     assert len(cache._entries) == work.CACHED
-
-
-def test_a_frame_that_is_there_is_not_rendered_again(job: Job, tmp_path: Path) -> None:
-    task, store = next(job.tasks()), Store(tmp_path / "out")
-    before = render_in_process(task, store).stat().st_mtime_ns
-    assert render_in_process(task, store).stat().st_mtime_ns == before
 
 
 @pytest.mark.parametrize("spoil", ["shorter", "longer", "gone", "flipped", "row", "empty row"])

@@ -4,9 +4,9 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import chain, launches
+from helpers import chain
 from helpers.mistakes import told
-from helpers.traffic import EGO, SENSOR, direction, frozen, moving, traffic
+from helpers.traffic import SENSOR, direction, frozen, moving, traffic
 
 from lidarscene.cloud.deskew import deskewed
 from lidarscene.maths.pose import Pose
@@ -183,27 +183,6 @@ def test_frames_follow_each_other() -> None:
     early = simulator.render(seed=6, begin_s=frame_s)  # the same places, other pulse numbers: other noise
     np.testing.assert_array_equal(np.unique(early.body), np.unique(clouds[1].body))
     assert len(np.intersect1d(early.range_m, clouds[1].range_m)) < 0.1 * len(early)
-
-
-def test_chunks_do_not_show() -> None:
-    simulator = Simulator(traffic(), chain.sensor("table1-apd", *SENSOR))
-    whole, parts = simulator.render(seed=7), simulator.render(seed=7, chunk=1777)
-    for attribute in ("xyz_m", "true_range_m", "radial_velocity_m_s", "body", "time_s"):
-        np.testing.assert_array_equal(getattr(whole, attribute), getattr(parts, attribute))
-
-
-def test_a_second_frame_compiles_nothing() -> None:
-    """New places, another frame, another trajectory of everything: all of it is data."""
-    sensor = chain.sensor("table1-apd", *SENSOR)
-    scene = traffic()
-    simulator = Simulator(scene, sensor)
-    with launches.launched() as before:
-        simulator.render(seed=0, chunk=5000)
-    faster = dataclasses.replace(scene, ego=dataclasses.replace(EGO, speed_m_s=11.0))
-    with launches.launched() as later:
-        simulator.render(seed=1, begin_s=0.1, chunk=4000)
-        Simulator(faster, sensor, world=simulator.world).render(seed=2)
-    launches.assert_none_is_new(later, before)
 
 
 def test_a_motion_that_ends_too_early_is_told() -> None:

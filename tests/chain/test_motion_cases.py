@@ -133,7 +133,7 @@ def test_frames_that_drift_apart_are_not_merged() -> None:
     longer = chain.sensor("table1-apd", "scanner.azimuth_step_deg=0.5")
     pair = [Mounted(label="short", sensor=table1_sensor()), Mounted(label="long", sensor=longer)]
     require_common_frames(pair, 1)
-    with told("9 merged frames | 0.37926 s | 'short' | 0.60732 s | 'long'"):
+    with told("9 frames | 0.37926 s | 'short' | 0.60732 s | 'long'"):
         require_common_frames(pair, 9)
     require_common_frames([pair[0], pair[0]], 10_000)
 

@@ -4,25 +4,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import chain, launches, rounding
+from helpers import chain, launches, rounding, scanners
+from helpers.clouds import assert_same_columns
 from helpers.documentation import ROOT
 from helpers.run_seed import chosen
+from helpers.traffic import EGO, traffic
 
-from lidarscene import Pose, Simulator, load_scene, load_sensor
+from lidarscene import Simulator, load_scene, load_sensor
 from lidarscene.detection import receiver
 from lidarscene.light import beams, echoes
 from lidarscene.light.hits import Hits
 from lidarscene.rendering.stages import ambient_of
 from lidarscene.scan.pattern import Pattern
+from lidarscene.scene.scene import Air
+from lidarscene.scene.weather import Weather
 
 pytestmark = pytest.mark.usefixtures("mi")
 
-RASTER = [
-    "scanner.azimuth_fov_deg=30",
-    "scanner.elevation_fov_deg=20",
-    "scanner.azimuth_step_deg=0.1",
-    "scanner.elevation_step_deg=0.1",
-]
+RASTER = chain.raster(30, 20, 0.1)
 
 
 def mixed_scene():
@@ -43,12 +42,6 @@ def mixed_scene():
     )
 
 
-def assert_same(first, second):
-    """Bit for bit, every column."""
-    for column in first.columns:
-        np.testing.assert_array_equal(first.column(column.name), second.column(column.name), column.name)
-
-
 @pytest.mark.parametrize(("name", "stops"), [("table1-apd", 1), ("table1-sipm", 3)])
 def test_chunks_do_not_matter(name, stops):
     sensor = chain.sensor(name, *RASTER, "tdc.threshold_to_noise=3.5", f"tdc.stops={stops}", "tdc.jitter_ps=50")
@@ -56,14 +49,14 @@ def test_chunks_do_not_matter(name, stops):
     whole = simulator.render(seed=3)
     assert np.count_nonzero(whole.status) > 50
     for chunk in (7919, 60_501, 60_500):
-        assert_same(whole, simulator.render(seed=3, chunk=chunk))
+        assert_same_columns(whole, simulator.render(seed=3, chunk=chunk))
 
 
 def test_chunks_shorter_than_a_tile_do_not_matter(mi):
     """Rationale: on the edge of two triangles a ray meets the one or the other by the rays that are traced with it."""
     scene = load_scene(ROOT / "scenes" / "retro.toml")
     simulator = Simulator(scene, load_sensor("table1-apd"))
-    assert_same(simulator.render(), simulator.render(chunk=4097))
+    assert_same_columns(simulator.render(), simulator.render(chunk=4097))
 
 
 def test_threads_do_not_matter(mi):
@@ -75,14 +68,16 @@ def test_threads_do_not_matter(mi):
         for count in (4, 1):
             dr.set_thread_count(count)
             clouds.append(simulator.render(seed=5))
-        assert_same(*clouds)
+        assert_same_columns(*clouds)
     finally:
         dr.set_thread_count(threads)
 
 
 def test_a_new_world_gives_the_same_cloud():
     sensor = chain.sensor("table1-apd", *RASTER)
-    assert_same(Simulator(mixed_scene(), sensor).render(seed=5), Simulator(mixed_scene(), sensor).render(seed=5))
+    assert_same_columns(
+        Simulator(mixed_scene(), sensor).render(seed=5), Simulator(mixed_scene(), sensor).render(seed=5)
+    )
 
 
 def test_seeds_matter():
@@ -127,64 +122,78 @@ def test_numpy_and_device_agree(name, extra):
         assert np.quantile(difference, 0.999) < 1.0
 
 
-def test_a_second_frame_compiles_nothing(mi):
-    """New seed, new pose, new sun, new numbers in the sensor file: all of it is data."""
-    import dataclasses
+def sunny(klux):
+    return replace(mixed_scene(), sun=replace(mixed_scene().sun, illuminance_klux=klux, azimuth_rad=klux / 50.0))
 
-    scene = mixed_scene()
-    sensor = chain.sensor("table1-apd", *RASTER)
-    first = Simulator(scene, sensor)
+
+def wet(visibility_m, rain_mm_h):
+    air = Air(weather=Weather(fog_visibility_m=visibility_m, rain_mm_h=rain_mm_h))
+    return chain.scene(chain.facing(range_m=60.0, size_m=40.0), air=air)
+
+
+def prisms(scale, **numbers):
+    scanner = scanners.mid40(jitter_rad=1e-3 * scale, encoder_rad=1e-3 * scale, **numbers)
+    return replace(chain.sensor("table1-apd"), scanner=scanner)
+
+
+def coarse(words):
+    """A sensor by its name and overrides, of a beam for each half of a degree."""
+    name, *overrides = words.split()
+    return chain.sensor(name, *chain.raster(30, 20, 0.5), *overrides)
+
+
+APD = "table1-apd detector.gain=60 laser.peak_power_w=20 tdc.threshold_to_noise=6 optics.aperture_radius_mm=10"
+CELLS = "table1-sipm detector.statistics='time_domain'"
+BEAM = "table1-apd tdc.stops=2 laser.divergence_mrad={} laser.exit_diameter_mm={}"
+NUMBERS = {
+    "receiver and sun": lambda: ((sunny(100.0), coarse("table1-apd")), (sunny(1.0), coarse(APD))),
+    "cells": lambda: (
+        (mixed_scene(), coarse(CELLS)),
+        (mixed_scene(), coarse(f"{CELLS} detector.dead_time_ns=9 laser.pulse_fwhm_ns=4 detector.cells=900")),
+    ),
+    "prisms": lambda: (
+        (mixed_scene(), prisms(1.0)),
+        (mixed_scene(), prisms(2.0, index=[1.6, 1.7], rotation_hz=[10.0, -3.0])),
+    ),
+    "three rays, fog and as many drops to draw": lambda: (
+        (wet(300.0, 8.0), coarse(BEAM.format(3, 10))),
+        (wet(200.0, 12.0), coarse(BEAM.format(4, 8))),
+    ),
+    "trajectories": lambda: (
+        (traffic(), coarse("table1-apd")),
+        (replace(traffic(), ego=replace(EGO, speed_m_s=11.0)), coarse("table1-apd")),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", chosen(2, [*NUMBERS]))
+def test_other_numbers_compile_nothing(case):
+    """Numbers of a scene and of a sensor file are data, in the same world too."""
+    (scene, sensor), second = NUMBERS[case]()
+    how = {"rays": 3} if "rays" in case else {}
+    simulator = Simulator(scene, sensor, **how)
     with launches.launched() as before:
-        first.render(seed=0, chunk=50_000)
-    changed = chain.sensor(
-        "table1-apd",
-        *RASTER,
-        "detector.gain=60",
-        "laser.peak_power_w=20",
-        "tdc.threshold_to_noise=6",
-        "optics.aperture_radius_mm=10",
-        "scanner.azimuth_step_deg=0.15",
-    )
-    darker = dataclasses.replace(scene, sun=dataclasses.replace(scene.sun, illuminance_klux=1.0, azimuth_rad=1.0))
+        simulator.render(seed=0, chunk=6000)
     with launches.launched() as later:
-        first.render(seed=1, pose=Pose.from_degrees(position_m=(0.3, 0.2, 0.1), yaw_deg=2.0), chunk=40_000)
-        Simulator(darker, changed, world=first.world).render(seed=2)
+        simulator.render(seed=1, number=2, chunk=5000)
+        Simulator(*second, world=simulator.world, **how).render(seed=2)
     launches.assert_none_is_new(later, before)
 
 
-WEAK = "laser.peak_power_w=3"
+ADC = "sampler.type='adc' sampler.rate_mhz=800 sampler.bits=10 sampler.full_scale=1e-5"
 RECEIVERS = {
-    "edge": ("table1-apd", 1, (WEAK,)),
+    "edge": (1, "table1-apd laser.peak_power_w=3"),
     "fraction behind a pole": (
-        "table1-apd",
         1,
-        (
-            WEAK,
-            "receiver.response='single_pole'",
-            "tdc.timing='constant_fraction'",
-            "tdc.stops=2",
-            "tdc.keep='strongest'",
-        ),
+        "table1-apd laser.peak_power_w=3 receiver.response='single_pole' tdc.timing='constant_fraction' tdc.stops=2",
     ),
     "matched filter behind a pole": (
-        "table1-apd",
         4097,
-        (WEAK, "receiver.response='single_pole'", "tdc.timing='matched_filter'"),
+        "table1-apd laser.peak_power_w=3 receiver.response='single_pole' tdc.timing='matched_filter'",
     ),
-    "peak of cells": ("table1-sipm", 7, (WEAK, "receiver.response='gaussian'", "tdc.timing='peak'")),
-    "samples": (
-        "table1-apd",
-        3,
-        (
-            "laser.peak_power_w=2",
-            "receiver.response='gaussian'",
-            "sampler.type='adc'",
-            "sampler.rate_mhz=800",
-            "sampler.bits=10",
-            "sampler.full_scale=1e-5",
-        ),
-    ),
-    "histogram": ("os1-128", 1, ("laser.peak_power_w=4",)),
+    "peak of cells": (7, "table1-sipm laser.peak_power_w=3 receiver.response='gaussian' tdc.timing='peak'"),
+    "samples": (3, f"table1-apd laser.peak_power_w=2 receiver.response='gaussian' {ADC}"),
+    "histogram": (1, "os1-128 laser.peak_power_w=4"),
 }
 
 
@@ -193,7 +202,7 @@ def test_the_first_point_of_a_receiver_compiles_nothing(case, mi):
     """Whatever the number of lanes. The first frame of few pulses has no point, and later ones have: another simulator
     looks for seeds of which that is so. P_d is 0.15 to 0.5.
     """
-    name, count, overrides = RECEIVERS[case]
+    count, words = RECEIVERS[case]
     board = chain.scene(chain.facing(range_m=100.0, theta_deg=30.0, size_m=2000.0))
     pattern = Pattern.create(
         azimuth_rad=np.linspace(0.0, 0.9, count),
@@ -201,7 +210,7 @@ def test_the_first_point_of_a_receiver_compiles_nothing(case, mi):
         time_s=1e-6 * np.arange(count),
         frame_s=0.1,
     )
-    sensor = chain.sensor(name, *overrides)
+    sensor = chain.sensor(*words.split())
     # The directions of a pattern have no channels that fire together.
     sensor = replace(sensor, scanner=pattern, optics=replace(sensor.optics, stray=None))
     scout, empty, filled = Simulator(board, sensor), [], []

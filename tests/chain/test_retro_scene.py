@@ -115,12 +115,7 @@ def test_bloom_around_a_sign(compiled):
     """
     halo = ["optics.halo.share=1e-3", "optics.halo.divergence_mrad=20"]
     # Beams in a box of sky around the sign's face, 3 degrees up: the disc is 1.7 degrees wide.
-    box = [
-        "scanner.azimuth_fov_deg=20",
-        "scanner.elevation_fov_deg=4",
-        "scanner.azimuth_step_deg=0.1",
-        "scanner.elevation_step_deg=0.1",
-    ]
+    box = chain.raster(20, 4, 0.1)
     scene, world = compiled
 
     def points_around_sign(rays, *keys):

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from helpers import chain, launches, scanners
+from helpers import chain, scanners
 from helpers.run_seed import chosen
 
 from lidarscene import Simulator
@@ -105,13 +105,6 @@ def test_jitter_moves_the_beam_and_not_what_is_reported():
         np.testing.assert_array_equal(shaky_angle, exact_angle)
 
 
-def test_jitter_does_not_depend_on_the_chunk():
-    simulator = Simulator(ball_around(), equip(scanners.mid40(jitter_rad=1e-3)))
-    first, second = simulator.render(seed=4, chunk=700), simulator.render(seed=4, chunk=100_000)
-    np.testing.assert_array_equal(first.true_range_m, second.true_range_m)
-    np.testing.assert_array_equal(first.xyz_m, second.xyz_m)
-
-
 def test_encoders_place_points_where_they_read():
     """Rationale: the beam goes on turning between the encoder's steps, the reported azimuth does not."""
     step = 2e-3
@@ -121,16 +114,6 @@ def test_encoders_place_points_where_they_read():
     azimuth = np.arctan2(cloud.xyz_m[:, 1], cloud.xyz_m[:, 0])
     off = np.remainder(azimuth - cloud.azimuth_rad + math.pi, 2 * math.pi) - math.pi
     np.testing.assert_allclose(off, 0.0, atol=1e-6)
-
-
-def test_another_frame_of_another_pattern_compiles_nothing(mi):
-    first = Simulator(ball_around(), equip(scanners.mid40(jitter_rad=1e-3, encoder_rad=1e-3)))
-    with launches.launched() as before:
-        first.render(seed=0, chunk=2000)
-    next_pattern = scanners.mid40(jitter_rad=2e-3, encoder_rad=2e-3, index=[1.6, 1.7], rotation_hz=[10.0, -3.0])
-    with launches.launched() as later:
-        Simulator(ball_around(), equip(next_pattern), world=first.world).render(seed=1, chunk=1500)
-    launches.assert_none_is_new(later, before)
 
 
 @pytest.mark.parametrize(("name", "even"), [("mid40", True), ("mirror_step", False), ("polygon", False)])

@@ -2,23 +2,16 @@
 
 import numpy as np
 import pytest
-from helpers import chain, launches
+from helpers import chain
 from helpers.run_seed import chosen
 
-from lidarscene import Simulator
 from lidarscene.detection import receiver
 from lidarscene.light import beams, echoes
 from lidarscene.rendering.stages import ambient_of
 
 pytestmark = pytest.mark.usefixtures("mi")
 
-RASTER = [
-    "scanner.azimuth_fov_deg=30",
-    "scanner.elevation_fov_deg=20",
-    "scanner.azimuth_step_deg=0.1",
-    "scanner.elevation_step_deg=0.1",
-    "detector.statistics='time_domain'",
-]
+RASTER = [*chain.raster(30, 20, 0.1), "detector.statistics='time_domain'"]
 
 
 def scene():
@@ -53,17 +46,3 @@ def test_numpy_and_device_agree(counting, more):
     assert in_both.sum() > 1000
     difference = np.abs(host.range_m - device.range_m)[in_both]
     assert np.quantile(difference, 0.999) < 2e-3
-
-
-def test_new_numbers_compile_nothing(mi):
-    """Dead time, pulse width and cells are data too: one table serves them all."""
-    first = Simulator(scene(), chain.sensor("table1-sipm", *RASTER))
-    with launches.launched() as before:
-        first.render(seed=0)
-    changed = chain.sensor(
-        "table1-sipm", *RASTER, "detector.dead_time_ns=9", "laser.pulse_fwhm_ns=4", "detector.cells=900"
-    )
-    with launches.launched() as later:
-        first.render(seed=1)
-        Simulator(scene(), changed, world=first.world).render(seed=2)
-    launches.assert_none_is_new(later, before)

@@ -64,13 +64,7 @@ def test_energy_scales():
 
 def test_shadow_and_sky():
     """A screen between plane and sun leaves the sky's rho E / pi; a beam into nothing sees E / pi."""
-    sensor = chain.sensor(
-        "table1-apd",
-        "scanner.azimuth_fov_deg=120",
-        "scanner.azimuth_step_deg=60",
-        "scanner.elevation_fov_deg=0.02",
-        "scanner.elevation_step_deg=0.01",
-    )
+    sensor = chain.sensor("table1-apd", *chain.raster(120, 0.02, 60, 0.01))
     # The sun is behind the sensor and 60 degrees up; a screen over the plane's foot shades it.
     shade = chain.box(at=(48.0, 0.0, 2.0 * math.sqrt(3.0)), size_m=(1.0, 3.0, 1.0))
     lanes = chain.run_stages(chain.scene(chain.facing(range_m=50.0), shade, sky=0.2), sensor)

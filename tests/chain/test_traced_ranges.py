@@ -10,13 +10,7 @@ pytestmark = pytest.mark.usefixtures("mi")
 
 CHECK_2 = 1e-6  # single precision: a float32 has 6e-8
 PLACES_M = ((0.0, 0.0, 0.0), (1234.5, -987.6, 12.3), (4.5e5, 5.1e6, 300.0))  # the last: a UTM northing
-SENSOR = chain.sensor(
-    "table1-apd",
-    "scanner.azimuth_fov_deg=10",
-    "scanner.elevation_fov_deg=10",
-    "scanner.azimuth_step_deg=0.1",
-    "scanner.elevation_step_deg=0.1",
-)
+SENSOR = chain.sensor("table1-apd", *chain.raster(10, 10, 0.1))
 
 
 def trace_hits(body, place):

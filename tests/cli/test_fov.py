@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.child import assert_ended
 from helpers.command_line import BEAMS, COARSE, WALL, Run
 from helpers.in_this_process import draw_roughly
 from helpers.walls import rig_text
@@ -104,38 +103,14 @@ def test_pages_show_everything(folder: Path) -> None:
     assert "Cells are 2 degrees high" in page
 
 
-@pytest.fixture(scope="module")
-def second_run(tmp_path_factory: pytest.TempPathFactory, run_python) -> tuple[Path, Any, str]:
-    """The same once more in another process, without a back end: its folder, its JSON, what it loaded."""
-    output_folder = tmp_path_factory.mktemp("fov again") / "out"
-    argv = ["fov", "table1-apd", "table1-sipm", "-o", str(output_folder), *FAST, RISEN, "--json"]
-    code = f"""
-import sys
-sys.path.append({str(Path(__file__).parents[1])!r})
-import pytest
-from helpers.in_this_process import draw_roughly
-draw_roughly(pytest.MonkeyPatch())
-from lidarscene.cli.main import main
-code = main({argv!r})
-print([name for name in ("mitsuba", "drjit", "lidarscene.kernel") if name in sys.modules])
-sys.exit(code)
-"""
-    ran = run_python(code, LIDARSCENE_VARIANT="nonsense", DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so")
-    assert_ended(ran)
-    printed, loaded = ran.stdout.rstrip("\n").rsplit("\n", 1)
-    return output_folder, json.loads(printed), loaded
-
-
-def test_the_same_again_and_as_json(folder: Path, second_run: tuple[Path, Any, str]) -> None:
-    second_folder, numbers, _ = second_run
+def test_the_same_again_and_as_json(folder: Path, run: Run, rough_charts: None) -> None:
+    ran = run("fov", "table1-apd", "table1-sipm", "-o", "again", *FAST, RISEN, "--json")
+    assert (ran.code, ran.err) == (0, "")
+    numbers = json.loads(ran.out)
     assert numbers["sensors"]["table1-apd"]["coverage"]["0.01"] == 1.0
     assert numbers["sensors"]["table1-apd"]["points_per_s"] == pytest.approx(50e3)
     for name in NAMES:
-        assert (second_folder / name).read_bytes() == (folder / name).read_bytes(), name
-
-
-def test_runs_without_tracing(second_run: tuple[Path, Any, str]) -> None:
-    assert second_run[2] == "[]"
+        assert Path("again", name).read_bytes() == (folder / name).read_bytes(), name
 
 
 LABELLED = WALL.replace('"wall"', '"wall"\nclass = "building"', 1)

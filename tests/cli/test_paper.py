@@ -11,14 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.child import assert_ended
+from helpers.in_this_process import arrange_nothing
 from helpers.paper_results import results, use
 
 from lidarscene.cli import main
 from lidarscene.figures import lines
-from lidarscene.figures.lines import Chart
 
-TESTS = Path(__file__).parents[1]
 STEMS = ("fig-4e", "fig-5a", "fig-5b", "fig-5c", "fig-6a", "fig-6b", "fig-6c")
 PICTURES = [f"{stem}.{suffix}" for stem in STEMS for suffix in ("png", "svg")]
 NAMES = ["index.html", "index.md", *PICTURES, *(f"{stem}.csv" for stem in STEMS)]
@@ -28,50 +26,26 @@ DRAWN_AGAIN = ("fig-4e", "fig-6c")
 """One with both kinds of notes, one with two logarithmic axes: all are drawn by the same lines."""
 
 
-@pytest.fixture(scope="module")
-def paper_run(tmp_path_factory: pytest.TempPathFactory, run_python) -> tuple[Path, Any, str]:
-    """The command run once, in a process without a back end: its folder, its JSON, what it loaded.
-
-    What it computes is kept for the other tests of the paper.
-    """
-    output_folder = tmp_path_factory.mktemp("paper") / "new" / "out"
-    code = f"""
-import sys
-sys.path.insert(0, r"{TESTS}")
-import pytest
-from helpers.paper_results import computed, use
-from lidarscene.cli.main import main
-use(pytest.MonkeyPatch(), computed())
-code = main(["paper", "-o", r"{output_folder}", "--json"])
-print([name for name in ("mitsuba", "drjit", "lidarscene.kernel") if name in sys.modules])
-sys.exit(code)
-"""
-    ran = run_python(code, LIDARSCENE_VARIANT="nonsense", DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so")
-    assert_ended(ran)
-    printed, loaded = ran.stdout.rstrip("\n").rsplit("\n", 1)
-    return output_folder, json.loads(printed), loaded
-
-
-@pytest.fixture(scope="module")
-def folder(paper_run: tuple[Path, Any, str]) -> Path:
-    return paper_run[0]
-
-
-@pytest.fixture(scope="module")
-def second_run(paper_run: tuple[Path, Any, str], tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """And once more in this process, on what is found once for all tests: its folder, what it prints."""
-    output_folder = tmp_path_factory.mktemp("paper again") / "out"
-    output, save = io.StringIO(), lines.save
-
-    def save_some(chart: Chart, paths: list[Path]) -> None:
-        if paths[0].stem in DRAWN_AGAIN:
-            save(chart, paths)
-
+def run_paper(folder: Path, *options: str) -> str:
+    """The command in this process, on what is found once for all tests: what it prints."""
+    output = io.StringIO()
     with contextlib.redirect_stdout(output), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(lines, "save", save_some)
+        arrange_nothing(patch)
         use(patch, results())
-        assert main.main(["paper", "-o", str(output_folder)]) == 0
-    return output_folder, output.getvalue()
+        assert main.main(["paper", "-o", str(folder), *options]) == 0
+    return output.getvalue()
+
+
+@pytest.fixture(scope="module")
+def paper_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any]:
+    """The command run once: its folder, its JSON."""
+    output_folder = tmp_path_factory.mktemp("paper") / "new" / "out"
+    return output_folder, json.loads(run_paper(output_folder, "--json"))
+
+
+@pytest.fixture(scope="module")
+def folder(paper_run: tuple[Path, Any]) -> Path:
+    return paper_run[0]
 
 
 def test_all_files_are_there_and_nothing_else(folder: Path) -> None:
@@ -140,8 +114,8 @@ def test_html_is_self_contained(folder: Path) -> None:
     assert "http" not in text
 
 
-def test_both_pages_tell_the_same_claims(paper_run: tuple[Path, Any, str]) -> None:
-    folder, numbers, _ = paper_run
+def test_both_pages_tell_the_same_claims(paper_run: tuple[Path, Any]) -> None:
+    folder, numbers = paper_run
     page = (folder / "index.html").read_text("utf-8")
     assert page.count("<tr>") == len(numbers["claims"]) + len(numbers["errata"]) + 2
     assert numbers["claims"] == json.loads(json.dumps([asdict(claim) for claim in results().claims]))
@@ -150,13 +124,11 @@ def test_both_pages_tell_the_same_claims(paper_run: tuple[Path, Any, str]) -> No
     assert all(Path(name).is_file() for name in numbers["files"])
 
 
-def test_the_same_again(folder: Path, second_run: tuple[Path, str]) -> None:
+def test_the_same_again(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """No dates, no random numbers."""
+    save = lines.save
+    monkeypatch.setattr(lines, "save", lambda chart, paths: paths[0].stem in DRAWN_AGAIN and save(chart, paths))
+    assert "at the best gain optical noise equals electrical noise" in run_paper(tmp_path).lower()
     drawn_once = [name for name in PICTURES if not name.startswith(DRAWN_AGAIN)]
     for name in set(NAMES) - set(drawn_once):
-        assert (second_run[0] / name).read_bytes() == (folder / name).read_bytes(), name
-    assert "at the best gain optical noise equals electrical noise" in second_run[1].lower()
-
-
-def test_runs_without_tracing(paper_run: tuple[Path, Any, str]) -> None:
-    assert paper_run[2] == "[]"
+        assert (tmp_path / name).read_bytes() == (folder / name).read_bytes(), name

@@ -1,4 +1,9 @@
-"""A machine without LLVM: one error with what to type, exit code 3, nothing written; and a report of doctor."""
+"""A machine without LLVM: one error with what to type, exit code 3, nothing written; and a report of doctor.
+
+What traces no rays needs none.
+"""
+
+from pathlib import Path
 
 import pytest
 from helpers.child import assert_ended
@@ -52,3 +57,38 @@ def test_doctor_reports(lidarscene) -> None:
     assert_ended(ran, 1)
     assert message in ran.stdout
     assert ran.stdout.endswith("lidarscene cannot trace rays here\n")
+
+
+STUDIES = """
+import sys
+from lidarscene import load_sensor
+from lidarscene.studies.ranging import plane
+
+def print_loaded(*names):
+    print([name for name in names if name in sys.modules])
+
+print(round(plane.maximum_range_m(load_sensor("table1-apd"), plane.Target())[0], 3))
+print_loaded("mitsuba", "drjit", "matplotlib")
+sys.path.append(TESTS)
+import pytest
+from helpers import in_this_process, paper_results
+from lidarscene.cli.main import main
+patch = pytest.MonkeyPatch()
+in_this_process.draw_nothing(patch)
+paper_results.use(patch, paper_results.results())
+for command in (
+    "range table1-apd table1-sipm --over illuminance_klux --plot o.png -q",
+    "fov table1-apd table1-sipm -o fov --set=scanner.azimuth_step_deg=2 --time 0.001 --cell 2 -q",
+    "paper -o paper -q",
+):
+    assert main(command.split()) == 0
+print_loaded("mitsuba", "drjit", "lidarscene.kernel")
+"""
+
+
+def test_studies_load_no_back_end(run_python, tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    code = STUDIES.replace("TESTS", repr(str(Path(__file__).parents[1])))
+    ran = run_python(code, LIDARSCENE_VARIANT="nonsense", DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so")
+    assert_ended(ran, stdout="350.605\n[]\n[]\n")
+    assert {path.name for path in tmp_path.iterdir()} == {"o.png", "fov", "paper"}

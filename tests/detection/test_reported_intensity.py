@@ -145,8 +145,7 @@ def test_where_the_overlap_vanishes_a_board_reads_dark():
         "table1-apd",
         *REFLECTIVITY,
         "optics.overlap.transmitter_offset_mm=[60, 0]",
-        "laser.exit_diameter_mm=5",
-        "laser.divergence_mrad=1",
+        "laser.exit_diameter_mm=5 laser.divergence_mrad=1",
     )
     assert float(sensor.optics.overlap.share(np.array([6.0]))[0]) < 2e-4
     light = ranging.echoes_of_plane(sensor, Target(transmittance=1.0), np.full(SHOTS, 6.0))
@@ -165,14 +164,9 @@ def test_a_clipped_echo_behind_a_low_pass_reads_by_its_width():
     """Twenty times the clipping level, of a pulse that the amplifier widens: its width tells the power, to 2 %."""
     sensor = chain.sensor(
         "table1-apd",
-        "detector.circuit_noise_na=1e4",
-        "tdc.threshold_to_noise=100",
-        "detector.saturation_ua=5e3",
-        "receiver.response='gaussian'",
-        "tdc.bandwidth_mhz=60",
-        "intensity.kind='range_corrected'",
-        "intensity.reference_m=50",
-        "tdc.edges='both'",
+        "detector.circuit_noise_na=1e4 tdc.threshold_to_noise=100 detector.saturation_ua=5e3",
+        "receiver.response='gaussian' tdc.bandwidth_mhz=60 intensity.kind='range_corrected'",
+        "intensity.reference_m=50 tdc.edges='both'",
     )
     assert sensor.peak_share < 0.9
     point = sensor.working_point(np.array([trains.BACKGROUND_W]))

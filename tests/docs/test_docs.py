@@ -30,6 +30,7 @@ from helpers.documentation import (
     text_of,
 )
 from helpers.models import MODELS
+from helpers.run_seed import chosen
 from pydantic_core import PydanticUndefined
 
 import lidarscene
@@ -111,7 +112,7 @@ def output_of_code(code: str) -> str:
     return out.getvalue()
 
 
-@pytest.mark.parametrize("block", [b for page in PAGES for b in blocks(page, "python")], ids=str)
+@pytest.mark.parametrize("block", chosen(10, [b for page in PAGES for b in blocks(page, "python")]), ids=str)
 def test_python_blocks_run(
     block: Block, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
 ) -> None:

@@ -69,7 +69,7 @@ def test_frames_are_those_of_the_cpu(mi: Any, monkeypatch: pytest.MonkeyPatch) -
 
 @on_card
 def test_what_a_card_does_in_its_own_way() -> None:
-    names = chosen(2, ON_A_CARD)
+    names = chosen(1, ON_A_CARD)
     tests = run("-m", "pytest", "-n", "0", "-q", "-p", "no:cacheprovider", *(str(TESTS / name) for name in names))
     assert_ended(tests, stdout=None)
     assert f"{len(names)} passed" in tests.stdout

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -22,17 +23,28 @@ from lidarscene.rendering.stages import ambient_of
 from lidarscene.scene.meshes.primitives import box_mesh, plane_mesh
 from lidarscene.scene.scene import Air, Ball, Body, Part, Sky, Sun
 
-NARROW = [
-    "scanner.azimuth_fov_deg=0.02",
-    "scanner.elevation_fov_deg=0.02",
-    "scanner.azimuth_step_deg=0.01",
-    "scanner.elevation_step_deg=0.01",
-]
+
+def raster(azimuth_fov_deg: float, elevation_fov_deg: float, *step_deg: float) -> list[str]:
+    """Overrides for a raster: its fields in azimuth and elevation, and its steps there, or one step for both."""
+    numbers = {"fov": (azimuth_fov_deg, elevation_fov_deg), "step": (step_deg[0], step_deg[-1])}
+    return [
+        f"scanner.{axis}_{key}_deg={number}"
+        for key, pair in numbers.items()
+        for axis, number in zip(("azimuth", "elevation"), pair, strict=True)
+    ]
+
+
+NARROW = raster(0.02, 0.02, 0.01)
 """A raster of 3 x 3 beams around the x axis; the middle one, number 4, is exactly on it."""
 
 
+def words(*overrides: str) -> list[str]:
+    """Overrides one by one, where a text may have several."""
+    return [word for text in overrides for word in re.split(r" (?=[\w.]+=)", text)]
+
+
 def sensor(name: str, *overrides: str) -> Sensor:
-    return load_sensor(name, overrides=list(overrides))
+    return load_sensor(name, overrides=words(*overrides))
 
 
 def diffuse(name: str = "grey", reflectivity: float = 0.1) -> Material:

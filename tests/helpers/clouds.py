@@ -42,6 +42,12 @@ def small_cloud(n: int = 7, *, truth: bool = True, seed: int = 1, **changes: Any
     return PointCloud(**(small_columns(n, truth=truth, seed=seed) | NAMES | {"metadata": metadata} | changes))
 
 
+def assert_same_columns(a: PointCloud, b: PointCloud) -> None:
+    """Every column of the first equal to the bit."""
+    for column in a.columns:
+        np.testing.assert_array_equal(a.column(column.name), b.column(column.name), err_msg=column.name)
+
+
 def assert_same(a: PointCloud, b: PointCloud) -> None:
     """Every array equal to the bit, dtype included, and all text."""
     assert a.has_truth == b.has_truth

@@ -62,13 +62,13 @@ def _draw_small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def draw_roughly(monkeypatch: pytest.MonkeyPatch) -> None:
     """Charts and maps of fewer pixels and with nothing moved to its place, which takes as long; pictures as above."""
-    _arrange_nothing(monkeypatch)
+    arrange_nothing(monkeypatch)
     for module in (lines, maps):
         monkeypatch.setattr(module, "DPI", 60)
     _draw_small(monkeypatch)
 
 
-def _arrange_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def arrange_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (lines, maps):
         monkeypatch.setattr(module, "arrange", lambda figure: None)
 
@@ -77,7 +77,7 @@ def draw_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each chart, map and picture is one white pixel, not even put together. Other tests draw all of them."""
     from matplotlib.figure import Figure
 
-    _arrange_nothing(monkeypatch)
+    arrange_nothing(monkeypatch)
     whole, pixel = Figure.savefig, Figure(figsize=(0.01, 0.01))
     white = encode_png(np.full((1, 1, 3), 255, np.uint8))
 

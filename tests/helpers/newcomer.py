@@ -19,7 +19,7 @@ from lidarscene.cli.main import main
 printed = []
 for line in json.loads(sys.argv[1]):
     with contextlib.redirect_stdout(io.StringIO()) as text:
-        code = main(line.split())
+        code = exec(line, {}) if "\\n" in line else main(line.split())
     if code:
         sys.exit(f"{line}: ended with {code}")
     printed.append(text.getvalue())
@@ -67,6 +67,6 @@ def changed_sources(
 
 
 def command_lines(run: Callable[..., str], *lines: str) -> list[str]:
-    """Run lines of `lidarscene` one after another in one process; return what each prints."""
+    """Run lines of `lidarscene`, and code of several lines, in turn in one process; return what each prints."""
     printed: list[str] = json.loads(run("-c", COMMANDS, json.dumps(lines)))
     return printed

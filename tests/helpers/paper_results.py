@@ -37,23 +37,15 @@ class Results(NamedTuple):
 @cache
 def results() -> Results:
     """Computed, or read where another process of this run has; two at the same time write the same."""
-    if not (path := _pickle_path()).exists():
-        return computed()
-    pickled: Results = pickle.loads(path.read_bytes())
-    return pickled
-
-
-def computed() -> Results:
-    """Computed here, and kept for the others."""
+    path = Path(os.environ["LIDARSCENE_CACHE"]) / "paper_results.pickle"  # of this run alone: tests/conftest.py
+    if path.exists():
+        pickled: Results = pickle.loads(path.read_bytes())
+        return pickled
     fresh = Results(drawn.figures(), *claims_and_errata())
-    with tempfile.NamedTemporaryFile(dir=_pickle_path().parent, delete=False) as file:
+    with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
         file.write(pickle.dumps(fresh))
-    Path(file.name).replace(_pickle_path())
+    Path(file.name).replace(path)
     return fresh
-
-
-def _pickle_path() -> Path:
-    return Path(os.environ["LIDARSCENE_CACHE"]) / "paper_results.pickle"  # of this run alone: tests/conftest.py
 
 
 def use(patch: pytest.MonkeyPatch, fixed: Results) -> None:

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr
 
+from helpers.chain import words
 from helpers.trains import detect as detect
 from lidarscene import Sensor
 from lidarscene.catalog import path_of
@@ -36,7 +37,7 @@ def tables(name: str = "table1-sipm") -> dict[str, Any]:
 
 def sensor(*overrides: str) -> Sensor:
     """Table 1's optics before SPADs of the tests."""
-    return sensor_from_tables(tables(), where="test", overrides=overrides)
+    return sensor_from_tables(tables(), where="test", overrides=words(*overrides))
 
 
 def spinning(*overrides: str) -> Sensor:
@@ -50,7 +51,7 @@ def spinning(*overrides: str) -> Sensor:
     }
     sensor_tables["histogram"] = {key: value for key, value in SUM.items() if key not in ("shots", "window_us")}
     sensor_tables["histogram"] |= {"pulse_period_us": 1.8, "threshold_floor": 0.0}
-    return sensor_from_tables(sensor_tables, where="test", overrides=overrides)
+    return sensor_from_tables(sensor_tables, where="test", overrides=words(*overrides))
 
 
 def echoes_of(

@@ -5,7 +5,7 @@ They run as they stand but for what takes long: sensors with fewer pulses (`COAR
 illuminances for four, a design study of 12 evaluations, charts and pictures that are not drawn, a job of four frames
 for twelve on a thread of this process, the view written by `--save` instead of served. Of `render` commands whose
 files the page does not go on with a third is traced, others in each run (`TRACED`); of the rest all is read and
-checked. A scene of `scenes/` is compiled once for commands in a row. What is only parsed is in `PARSED_ONLY`, with
+checked. What is only parsed is in `PARSED_ONLY`, with
 the test that runs its like. Of two commands of which one has more options than the other only that one is run, unless
 the page goes on with the file of the shorter one. Whole scenes are rendered in tests/cli/test_main.py, charts drawn
 by the tests of each command.
@@ -15,7 +15,6 @@ import contextlib
 import functools
 import re
 import shlex
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,6 @@ from typing import Any
 import pytest
 import trimesh
 
-import lidarscene
 from helpers.documentation import (
     IN_AN_EMPTY_FOLDER,
     PAGES,
@@ -36,18 +34,15 @@ from helpers.documentation import (
 )
 from helpers.fuzzing import untraced
 from helpers.in_this_process import draw_nothing, draw_roughly
+from helpers.kept_scenes import use_trimmed
 from helpers.run_seed import chosen
 from helpers.small_job import threads_of_this_process, use_no_worlds_of_others
 from lidarscene import catalog
 from lidarscene.batch import cluster
 from lidarscene.cli import main
 from lidarscene.cli.words import with_joined_pose
-from lidarscene.kernel.world.mitsuba_world import World, build_world
-from lidarscene.outputs import record
-from lidarscene.rendering import simulator
-from lidarscene.scene import scene_file as scene_file
 from lidarscene.scene.scene import Body, Scene
-from lidarscene.scene.scene_file import scene_path, sensor_of_scene
+from lidarscene.scene.scene_file import sensor_of_scene
 
 PARSED_ONLY = {
     "tests/batch/test_dataset.py::test_as_many_labels_as_clouds": ("batch factory.toml -o out/factory",),
@@ -216,10 +211,10 @@ def pages(*, of_studies: bool) -> list[Path]:
 
 
 def drawn_pages(*, of_studies: bool) -> list[Path]:
-    """README and two of three other pages, others in each run; all commands of all pages are parsed in each."""
+    """README and one of three other pages, others in each run; all commands of all pages are parsed in each."""
     always = [page for page in pages(of_studies=of_studies) if page == README]
     others = [page for page in pages(of_studies=of_studies) if page != README]
-    return always + chosen(2 * len(others) // 3, others)
+    return always + chosen(len(others) // 3, others)
 
 
 def incomplete(command: str) -> bool:
@@ -328,8 +323,7 @@ class Reader:
 
     folder: Path
     ran: set[str] = field(default_factory=set)
-    scenes: dict[tuple[Path, tuple[str, ...]], Scene] = field(default_factory=dict)
-    worlds: dict[object, Any] = field(default_factory=dict)
+    scenes: dict[Any, Scene] = field(default_factory=dict)
 
     def follow(self, page: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
         """Run the commands in the order of the page, and its Python between them where it has files of its own."""
@@ -339,7 +333,6 @@ class Reader:
         draw_roughly(monkeypatch)
         draw_nothing(monkeypatch)
         use_threads(monkeypatch)
-        self._keep_worlds(monkeypatch)
         if page.name not in IN_AN_EMPTY_FOLDER:
             for name, original in COPIES.items():
                 if not Path(f"{name}.toml").exists():
@@ -360,45 +353,6 @@ class Reader:
             if command not in shell_commands and not incomplete(command):
                 self._try(capsys, page, command)
 
-    def _keep_worlds(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        """Scenes of `scenes/`; a world for commands in a row with the same one, as `compare` has one for all sensors.
-
-        A world no longer: what Dr.Jit compiles depends on all worlds alive.
-        """
-        # Asked for here: the package keeps a name as it was first asked for, which must not be `load`.
-        whole, build = lidarscene.load_scene, build_world
-
-        def load(path: Path | Scene, overrides: Sequence[str] = (), **options: Any) -> Scene:
-            # A module that is imported meanwhile keeps this function when the patch is gone.
-            if isinstance(path, Scene) or scene_file.load_scene is not patched["load_scene"]:
-                return whole(path, overrides=overrides, **options)
-            file = scene_path(path).resolve()
-            if file.parent != catalog.folder("scenes"):
-                return whole(path, overrides=overrides, **options)
-            key = (file, tuple(overrides))
-            if key not in self.scenes:
-                self.scenes[key] = sparse(whole(path, overrides=overrides, **options))
-            return self.scenes[key]
-
-        def world(scene: Scene, **options: Any) -> World:
-            of_file = next((file for (file, _), loaded_scene in self.scenes.items() if loaded_scene is scene), None)
-            if self.worlds.get("file") != of_file:
-                self.worlds.clear()
-            if of_file is None:
-                return build(scene, **options)
-            self.worlds["file"] = of_file
-            key = (options["wavelength_m"], options["see_through"])
-            if key not in self.worlds:
-                self.worlds[key] = build(scene, **options)
-            built: World = self.worlds[key]
-            return built
-
-        patched: dict[str, Any] = {"load_scene": load}
-        monkeypatch.setattr(scene_file, "load_scene", load)
-        for module in (scene_file, record):
-            monkeypatch.setattr(module, "changed_scene", load)
-        monkeypatch.setattr(simulator, "build_world", world)
-
     def _try(self, capsys: pytest.CaptureFixture[str], page: Path, line: str) -> None:
         """Run or parse a line of the page if it is a command of ours that is still to be tried."""
         if not line.startswith("lidarscene "):
@@ -418,7 +372,8 @@ class Reader:
         """Run a command; `> FILE` takes what it prints."""
         command, _, target = line.partition(" > ")
         capsys.readouterr()
-        with contextlib.nullcontext() if traced else untraced():
+        with contextlib.nullcontext() if traced else untraced(), pytest.MonkeyPatch.context() as patch:
+            use_trimmed(patch, sparse, self.scenes)  # Python between the commands has whole ones
             assert main.main(coarse(shlex.split(command)[1:])) == 0, f"{command}\n{capsys.readouterr().err}"
         printed = capsys.readouterr().out
         assert not traced or bool(printed) != ("-q" in command.split())

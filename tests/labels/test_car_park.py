@@ -31,7 +31,7 @@ elevation_deg = {list(RINGS)}
 
 def shown() -> dict[str, Any]:
     """Name of a mesh -> what the catalogue knows of it, of all vehicles and people."""
-    names = {*catalog.vehicles(), "car", "wheelchair_user"}
+    names = {*catalog.vehicles(), "car", "wheelchair_user", "pram"}
     return {n: kind for n, kind in catalog.shipped_meshes().items() if n in names or "standing" in kind}
 
 

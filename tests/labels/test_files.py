@@ -351,7 +351,7 @@ def test_classes_of_osi(tmp_path: Path, library: Any) -> None:
         BICYCLE bicycle cyclist; BUS bus; TRAM Tram
     """
     vehicles = of_classes(rows)
-    walkers = of_classes("PEDESTRIAN pedestrian person child wheelchair_user; ANIMAL animal")
+    walkers = of_classes("PEDESTRIAN pedestrian person child wheelchair_user; ANIMAL animal; OTHER pram")
     structures = of_classes("POLE pole; VERTICAL_STRUCTURE sign traffic_sign; BARRIER barrier; OTHER gantry")
     boxes = boxes_of_classes(*vehicles, *walkers, *structures)
     (tmp_path / "a.osi").write_bytes(framed(ground_truth(boxes).fields(17.25)))
@@ -384,7 +384,7 @@ SEMANTIC_ROWS = """
     0 unlabelled; 10 car; 11 bicycle; 13 bus; 15 motorcycle; 16 tram; 18 truck; 20 van trailer
     30 pedestrian child wheelchair_user person; 31 cyclist; 32 motorcyclist
     40 road; 44 parking; 48 sidewalk pavement; 49 ground kerb; 50 building; 51 fence; 52 wall barrier; 60 lane_marking
-    70 vegetation; 72 terrain; 80 pole traffic_light; 81 sign traffic_sign; 99 animal traffic_cone bin
+    70 vegetation; 72 terrain; 80 pole traffic_light; 81 sign traffic_sign; 99 animal pram traffic_cone bin
 """
 """SemanticKITTI's numbers (semantic-kitti-api, config/semantic-kitti.yaml): 13 bus, 16 on rails, 20 other vehicle, 48
 sidewalk, 49 other ground, 52 other structure, 60 lane marking, 72 terrain, 80 pole, 81 traffic sign, 99 other object.

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from helpers import chain, launches, trains
+from helpers import chain, trains
 from helpers.run_seed import chosen
 from helpers.table_1 import K_PD, P_RS, M, sigma_18
 
@@ -99,31 +99,6 @@ def test_boards_within_the_pulse_are_one_return_between_them():
     cloud = centre_points(Simulator(two_boards(0.3), sensor, rays=200).render(seed=2))
     assert len(cloud) == 1
     assert cloud.true_range_m[0] == pytest.approx(50.15, abs=0.005)
-
-
-def test_chunks_and_frames_do_not_show():
-    sensor = chain.sensor("table1-apd", *COARSE, *BEAM, "tdc.stops=2")
-    scene = chain.scene(chain.facing(range_m=60.0, size_m=40.0), chain.box(at=(20.0, 3.0, 0.0)))
-    simulator = Simulator(scene, sensor, rays=7)
-    whole, parts = simulator.render(seed=7), simulator.render(seed=7, chunk=1777)
-    for attribute in ("xyz_m", "true_range_m", "snr", "body", "time_s", "ambient"):
-        np.testing.assert_array_equal(getattr(whole, attribute), getattr(parts, attribute))
-
-
-def test_a_second_frame_compiles_nothing():
-    """The frame has rays, fog and rain; another seed, divergence and place, another rain with as many drops to draw."""
-    sensor = chain.sensor("table1-apd", *COARSE, *BEAM, "tdc.stops=2")
-    wet = Air(weather=Weather(fog_visibility_m=300.0, rain_mm_h=8.0))
-    scene = chain.scene(chain.facing(range_m=60.0, size_m=40.0), air=wet)
-    first = Simulator(scene, sensor, rays=3)
-    with launches.launched() as before:
-        first.render(seed=0, chunk=6000)
-    denser = dataclasses.replace(scene, air=Air(weather=Weather(fog_visibility_m=200.0, rain_mm_h=12.0)))
-    wider = chain.sensor("table1-apd", *COARSE, "laser.divergence_mrad=4", "laser.exit_diameter_mm=8", "tdc.stops=2")
-    with launches.launched() as later:
-        first.render(seed=1, number=2, chunk=9000)
-        Simulator(denser, wider, world=first.world, rays=3).render(seed=2)
-    launches.assert_none_is_new(later, before)
 
 
 def test_fog_is_the_first_return_and_the_wall_the_last():

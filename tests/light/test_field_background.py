@@ -5,9 +5,8 @@ import math
 
 import numpy as np
 import pytest
-from helpers import chain, launches, panes
+from helpers import chain, panes
 
-from lidarscene.maths.pose import Pose
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.scene import Sun
 
@@ -98,22 +97,3 @@ def test_the_suns_disc_through_a_pane_loses_what_the_pane_reflects():
     for rays in (None, 19):
         behind_pane = background_w(scene(panes.pane(5.0), sun=ahead), rays)
         assert behind_pane == pytest.approx((1.0 - panes.both_sides(1.0)) * open_sky, rel=1e-4)
-
-
-def test_a_second_scene_compiles_nothing():
-    """Another number of pulses, another pose and sun."""
-    sensor = chain.sensor("table1-apd", "scanner.azimuth_step_deg=0.5", "scanner.elevation_step_deg=0.5")
-    simulator = Simulator(scene(half_wall(0.0)), sensor, background_rays=7)
-    with launches.launched() as before:
-        simulator.render(seed=0, chunk=7 * 3000)
-    with launches.launched() as later:
-        simulator.render(seed=1, number=2, chunk=7 * 4000, pose=Pose.from_degrees(yaw_deg=1.0))
-    launches.assert_none_is_new(later, before)
-
-
-def test_chunks_do_not_show():
-    sensor = chain.sensor("table1-apd", "scanner.azimuth_step_deg=0.5", "scanner.elevation_step_deg=0.5")
-    simulator = Simulator(scene(half_wall(0.0), sky=0.2), sensor, background_rays=7)
-    whole, parts = simulator.render(seed=7), simulator.render(seed=7, chunk=1777)
-    for attribute in ("xyz_m", "snr", "ambient"):
-        np.testing.assert_array_equal(getattr(whole, attribute), getattr(parts, attribute))

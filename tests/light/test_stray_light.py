@@ -63,17 +63,23 @@ def test_light_is_conserved():
     assert stray_w.sum() == pytest.approx((power.reshape(4, ROWS) * shares().sum(axis=0)).sum(), rel=1e-5)
 
 
-def test_light_from_several_ranges():
+@pytest.mark.parametrize(
+    ("overrides", "sigma_m"),
+    [((), SIGMA_M), (("receiver.response='gaussian'", "tdc.bandwidth_mhz=47.9404567"), 2.0 * SIGMA_M)],
+)
+def test_light_from_several_ranges(overrides, sigma_m):
     """Sources spread over some widths of the pulse: the range of the strongest, and the sum of Gaussians there, which
-    is the second road: pulse by pulse, (T123) written out.
+    is the second road: pulse by pulse, (T123) written out. The low pass makes pulses twice as long.
     """
     power, place = RANDOM.exponential(size=(2, ROWS)), 50.0 + RANDOM.normal(scale=2.0 * SIGMA_M, size=(2, ROWS))
-    range_m, stray_w = stray_of(trains.train(place.reshape(-1, 1), power.reshape(-1, 1)))
+    range_m, stray_w = stray_of(
+        trains.train(place.reshape(-1, 1), power.reshape(-1, 1)), sensor=volley.sensor(*overrides)
+    )
     for line in range(2):
         for row in range(ROWS):
             reached = shares()[row] * power[line]
             strongest = place[line][np.argmax(reached)]
-            course = np.sum(reached * np.exp(-0.5 * ((place[line] - strongest) / SIGMA_M) ** 2))
+            course = np.sum(reached * np.exp(-0.5 * ((place[line] - strongest) / sigma_m) ** 2))
             assert range_m[line * ROWS + row] == strongest
             assert stray_w[line * ROWS + row] == pytest.approx(course, rel=1e-5)
 
@@ -196,13 +202,8 @@ def test_points_of_stray_light_in_a_histogram():
     """
     sensor = photons.spinning(
         f"scanner.elevation_deg={[float(row) for row in range(ROWS)]}",
-        "scanner.columns_per_turn=1024",
-        "histogram.stops=2",
-        "histogram.threshold_floor=20",
-        "detector.spads=4096",
-        "optics.stray.share=1e-2",
-        "optics.stray.half_angle_deg=2",
-        "optics.stray.veil=1e-3",
+        "scanner.columns_per_turn=1024 histogram.stops=2 histogram.threshold_floor=20 detector.spads=4096",
+        "optics.stray.share=1e-2 optics.stray.half_angle_deg=2 optics.stray.veil=1e-3",
     )
     point = sensor.working_point(np.zeros(1))
     wall_w, least_w = (float(np.ravel(point.response.power_w(np.array([count])))[0]) for count in (300.0, 400.0))
@@ -232,11 +233,8 @@ def glare(*keys, sign=5):
     """
     sensor = photons.spinning(
         f"scanner.elevation_deg={[float(row) for row in range(ROWS)]}",
-        "scanner.columns_per_turn=1024",
-        "detector.spads=4096",
-        "optics.stray.share=0",
-        "optics.stray.glare_photons=500",
-        "optics.stray.glare_reach_m=2.5",
+        "scanner.columns_per_turn=1024 detector.spads=4096 optics.stray.share=0",
+        "optics.stray.glare_photons=500 optics.stray.glare_reach_m=2.5",
         *keys,
     )
     point = sensor.working_point(np.zeros(1))

@@ -275,11 +275,7 @@ def test_a_plane_wider_than_the_spot_gives_5(rays, profile):
     theta^2 / 8 and sees cos(theta / 2): 1e-6 at 2 mrad.
     """
     equipped = chain.sensor(
-        "table1-apd",
-        *chain.NARROW,
-        "laser.divergence_mrad=2",
-        "laser.exit_diameter_mm=5",
-        f"laser.beam_profile='{profile}'",
+        "table1-apd", *chain.NARROW, f"laser.divergence_mrad=2 laser.exit_diameter_mm=5 laser.beam_profile='{profile}'"
     )
     described = chain.scene(chain.facing(range_m=60.0))
     world = build_world(described, wavelength_m=equipped.laser.wavelength_m, centre_m=np.zeros(3))

@@ -151,6 +151,7 @@ def test_a_bag_split_into_files(tmp_path: Path) -> None:
         folder.mkdir(exist_ok=True)
         (tmp_path / "one" / "one.db3").rename(folder / f"bag_{number}.db3")
     (folder / "metadata.yaml").write_text("rosbag2_bagfile_information:\n")
+    (folder / "._bag_1.db3").write_bytes(b"\0\5\x16\7")  # of macOS
     with open_recording(folder) as recording:
         assert [sweep.range_m.size for sweep in recording] == [4, 3, 5]
 

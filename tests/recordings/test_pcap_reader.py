@@ -48,10 +48,14 @@ PLAIN, TAGGED = bytes(12) + b"\x08\x00", bytes(12) + b"\x81\x00\x00\x2a\x08\x00"
 """Heads of Ethernet, without and with a tag of a virtual network (IEEE 802.1Q: 0x8100, then its number 42)."""
 
 
-@pytest.mark.parametrize(("link", "before"), [(1, PLAIN), (1, TAGGED), (101, b""), (113, bytes(14) + b"\x08\x00")])
+@pytest.mark.parametrize(
+    ("link", "before"),
+    [(0, bytes(4)), (1, PLAIN), (1, TAGGED), (101, b""), (113, bytes(14) + b"\x08\x00"), (276, bytes(20))],
+)
 def test_payloads_of_every_link(tmp_path: Path, link: int, before: bytes) -> None:
     """Link types of tcpdump.org: Ethernet has 14 bytes before IP and 18 with a tag, raw IP none, Linux cooked capture
-    16. A frame is filled up to 60 bytes, and a header of IP may have options: neither belongs to a payload.
+    16 and, as `tcpdump -i any` makes it today, 20, and the loopback of macOS 4. A frame is filled up to 60 bytes, and a
+    header of IP may have options: neither belongs to a payload.
     """
     frames = [datagram(b"first", after=13), datagram(b"second", options=bytes(8)), datagram(b"")]
     assert payloads_in_capture(tmp_path / "a.pcap", link, [before + frame for frame in frames]) == [

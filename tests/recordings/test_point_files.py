@@ -106,11 +106,12 @@ def test_ply_of_another_program(tmp_path: Path) -> None:
         text = "".join(f"{x} {y} {z} {ring}\n" for x, y, z, ring in rows.tolist()).encode()
         body = rows.tobytes() if sign else text
         path = tmp_path / "a.ply"
-        path.write_bytes(header + body)
-        sweep = open_recording(path)[0]
-        np.testing.assert_array_equal(sweep.xyz_m, ROWS[:, :3])
-        assert sweep.ring is not None
-        assert sweep.ring.tolist() == [2, 7, 9]
+        for lines in (header.replace(b"\n", b"\r\n"), header):
+            path.write_bytes(lines + body)
+            sweep = open_recording(path)[0]
+            np.testing.assert_array_equal(sweep.xyz_m, ROWS[:, :3])
+            assert sweep.ring is not None
+            assert sweep.ring.tolist() == [2, 7, 9]
         path.write_bytes(header + body[:-8])
         with told("a.ply"):
             open_recording(path)[0]
@@ -138,6 +139,29 @@ def test_pcd_of_another_program_and_its_lost_pulses(tmp_path: Path) -> None:
         open_recording(path)[0]
 
 
+@pytest.mark.parametrize("end", ["", "\n", "\r\n\r\n"])
+def test_text_of_another_program_ends_as_it_likes(tmp_path: Path, end: str) -> None:
+    header = PCD.format(width=3, height=1).replace("POINTS 4\nDATA binary", "POINTS 3\nDATA ascii")
+    text = "\n".join(f"{x} {y} 0 0 {z} 1 2 3" for x, y, z in ROWS[:, :3].tolist())
+    (tmp_path / "a.pcd").write_text(header + text + end, newline="")
+    np.testing.assert_array_equal(open_recording(tmp_path / "a.pcd")[0].xyz_m, ROWS[:, :3])
+
+
+@pytest.mark.parametrize("name", ["las", "laz"])
+@pytest.mark.parametrize(("version", "point_format"), [("1.2", 1), ("1.3", 3), ("1.4", 8)])
+def test_las_of_another_program(
+    tmp_path: Path, library: Callable[[str], Any], name: str, version: str, point_format: int
+) -> None:
+    """Headers of 227, 235 and 375 bytes: what follows the short ones is no part of them."""
+    laspy = library("laspy")
+    header = laspy.LasHeader(version=version, point_format=point_format)
+    header.offsets = [40_000.0, 0.0, 0.0]  # all bits of the first point's x are set
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = ROWS[:, :3].astype(float).T
+    las.write(tmp_path / f"a.{name}")
+    np.testing.assert_allclose(open_recording(tmp_path / f"a.{name}")[0].xyz_m, ROWS[:, :3], atol=0.005)
+
+
 @pytest.mark.parametrize("name", ["ply", "pcd", "las", "laz"])
 def test_our_own_files_are_recordings_too(tmp_path: Path, name: str) -> None:
     need(name)
@@ -155,15 +179,19 @@ def test_our_own_files_are_recordings_too(tmp_path: Path, name: str) -> None:
 def test_a_folder_is_frames_by_the_numbers_in_their_names(tmp_path: Path) -> None:
     for number in (2, 10, 1):
         (tmp_path / f"{number}.bin").write_bytes((ROWS[:, :4] * number).tobytes())
+        (tmp_path / f"._{number}.bin").write_bytes(b"\0\5\x16\7")  # of macOS
     assert [float(sweep.range_m[0]) for sweep in open_recording(tmp_path)] == [3.0, 6.0, 30.0]
 
 
 def test_what_is_damaged_is_told(tmp_path: Path, library: Callable[[str], Any]) -> None:
+    whole = PCD.format(width=4, height=1).encode() + bytes(76)
     for name, content, named in (
         ("a.bin", bytes(17), "rows of 16 bytes | x, y, z, intensity | 17 bytes"),
         ("b.bin", b"", "points or packets | empty"),
         ("c.bin", bytes(32), "points | none"),
         ("a.abc", b"1", ".pcap | .osf"),
+        ("a.pcd", whole.replace(b"binary", b"BINARY"), "DATA | binary_compressed | BINARY"),
+        ("b.pcd", whole.replace(b"POINTS", b"#"), "'POINTS'"),
         ("a.ply", b"ply\nformat ascii 1.0\nelement face 1\nend_header\n", "PLY | 'vertex'"),
     ):
         (tmp_path / name).write_bytes(content)

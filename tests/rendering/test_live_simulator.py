@@ -301,6 +301,20 @@ def test_the_callers_clock() -> None:
     )
 
 
+def test_what_rests_starts_where_frames_showed_it() -> None:
+    """A pose that no call repeats holds until a new one: the clouds of a caller who repeats it at each frame's end."""
+    clouds = []
+    for repeats in (False, True):
+        live = LiveSimulator(street(), sensor(), movable=("ball",), spares={"car": 1})
+        length_s = live.sensor.scanner.frame_s
+        for frames, x_m in ((0.5, 12.0), (1.0, None), (2.0, None), (2.5, 13.0), (3.0, 14.0)):
+            poses = {"car": (x_m or 12.0, 0.0, 0.0)} if repeats or x_m else {}
+            clouds += live.advance(frames * length_s, poses)
+    assert len(clouds) == 6
+    for cloud, other in zip(clouds[:3], clouds[3:], strict=True):
+        assert_same(cloud, other)
+
+
 def test_several_frames_of_one_advance() -> None:
     """Those that are over together are traced together; each is the frame that is rendered alone."""
     live = LiveSimulator(street(), "livox-mid-40", movable=("ball",), spares={"car": 1})

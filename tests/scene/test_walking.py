@@ -70,7 +70,7 @@ def test_a_foot_that_bears_stands_still(tmp_path: Path, name: str, share: float)
     assert np.quantile(went_m, 0.99) < 1e-3
 
 
-@pytest.mark.parametrize("name", ["compact_269", "articulated_1650", "motorcycle_208", "cyclist_182"])
+@pytest.mark.parametrize("name", ["compact_269", "articulated_1650", "motorcycle_208", "cyclist_182", "pram"])
 @pytest.mark.parametrize("speed_m_s", [7.0, -2.0])
 def test_wheels_roll_without_slip(tmp_path: Path, name: str, speed_m_s: float) -> None:
     """Tyres and rims are where a turn by the way over their radius has them, to 0.1 % of the way, any spoke for any."""

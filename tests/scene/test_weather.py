@@ -89,9 +89,7 @@ def test_a_board_in_rain_loses_both_ways(mi, monkeypatch: pytest.MonkeyPatch) ->
     drops.as_bright_as_their_faces(monkeypatch)
     sensor = chain.sensor(
         "table1-apd",
-        "scanner.azimuth_fov_deg=10",
-        "scanner.elevation_fov_deg=10",
-        "tdc.keep='last'",
+        "scanner.azimuth_fov_deg=10 scanner.elevation_fov_deg=10 tdc.keep='last'",
         "tdc.threshold_to_noise=300",
     )
     alpha = precipitation.rain_extinction_per_m(rate_mm_h=30.0)

@@ -87,11 +87,8 @@ def test_the_range_of_a_mode_is_that_which_the_maker_publishes():
     for (columns, rotation), published in OUSTER.items():
         for multiplier, factor in zip((0.25, 0.5, 1, 2, 3), published, strict=True):
             counter = photons.spinning(
-                f"scanner.columns_per_turn={columns}",
-                f"scanner.rotation_hz={rotation}",
-                f"histogram.multiplier={multiplier}",
-                "histogram.window_us=0.6",
-                "histogram.ambient_window_us=0.6",
+                f"scanner.columns_per_turn={columns} scanner.rotation_hz={rotation}",
+                f"histogram.multiplier={multiplier} histogram.window_us=0.6 histogram.ambient_window_us=0.6",
             )
             base = photons.spinning("histogram.window_us=0.6", "histogram.ambient_window_us=0.6")
             base_m = plane.maximum_range_m(base, target)[0]

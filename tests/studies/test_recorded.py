@@ -48,7 +48,7 @@ def test_held_to_its_recording(name: str, monkeypatch: pytest.MonkeyPatch) -> No
     assert [(row.quantity, row.condition) for row in rows if not row.verdict] == missed
 
 
-@pytest.mark.parametrize("name", POINTS)
+@pytest.mark.parametrize("name", chosen(8, POINTS))
 def test_held_to_recorded_points(name: str) -> None:
     """0.05 degrees in elevations, 1 % in steps, a ratio of 1.25 in scatter, 15 % in the least separation.
 
@@ -72,7 +72,7 @@ FAULTS_OF_POINTS = {
 }
 
 
-@pytest.mark.parametrize("change", FAULTS_OF_POINTS)
+@pytest.mark.parametrize("change", chosen(2, list(FAULTS_OF_POINTS)))
 def test_a_wrong_value_of_points_fails(change: str, monkeypatch: pytest.MonkeyPatch) -> None:
     name = "pandarxt-32"
     changes = [change, "laser.repetition_rate_khz=633.6"] if "columns" in change else [change]
@@ -106,7 +106,7 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize("change", FAULTS)
+@pytest.mark.parametrize("change", chosen(2, list(FAULTS)))
 def test_a_wrong_value_fails(change: str) -> None:
     curves = recorded.recorded_curves("os1-128")
     assert curves is not None
@@ -115,7 +115,7 @@ def test_a_wrong_value_fails(change: str) -> None:
     assert FAULTS[change] in failed
 
 
-@pytest.mark.parametrize("change", ["glare_photons=3000", "glare_reach_m=0.2"])
+@pytest.mark.parametrize("change", chosen(1, ["glare_photons=3000", "glare_reach_m=0.2"]))
 def test_wrong_glare_fails(change: str) -> None:
     """40 % more photons and a quarter less reach than the OS2's."""
     curves = recorded.recorded_curves("os2-128")

@@ -14,6 +14,7 @@ import car
 import house
 import people
 import plants
+import pram
 import roadside
 import vehicles
 import wheelchair
@@ -32,6 +33,7 @@ OBJECTS = {
     "lamp_post": (roadside.lamp_post, roadside.COLOURS),
     **{build.__name__: (build, roadside.COLOURS) for build in roadside.FURNITURE},
     **{name: (functools.partial(vehicles.build, size), vehicles.COLOURS) for name, size in vehicles.bodies().items()},
+    "pram": (pram.build, pram.COLOURS),
     "wheelchair_user": (wheelchair.build, wheelchair.COLOURS),
     **{name: (functools.partial(people.build, name), people.COLOURS) for name in people.PEOPLE},
 }

@@ -1,4 +1,4 @@
-"""People who walk along +x: adults, elderly and children, with bags and a pram, skinned, with a stride each.
+"""People who walk along +x: adults, elderly and children, with bags, skinned, with a stride each.
 
 Lengths of segments by stature: R. Drillis and R. Contini (1966), as in D. A. Winter, "Biomechanics and motor control of
 human movement", 4th ed. (2009), fig. 4.1. Statures: German adults by DIN 33402-2 (2005), the 5th, 50th and 95th
@@ -15,7 +15,8 @@ import numpy as np
 from cutting import split
 from gait import KEYS, Leg, arm, stride_of_adult, walk
 from glb import Clip, Skeleton, Skinned
-from modelling import Mesh, box, circle, closed_loft, curve, ellipsoid, join, lathe, rounded_box, tube
+from modelling import Mesh, circle, closed_loft, curve, ellipsoid, join, rounded_box, tube
+from pram import HANDLE_M
 
 COLOURS = {
     "skin": (0.80, 0.58, 0.46, 1.0),
@@ -24,8 +25,6 @@ COLOURS = {
     "shoes": (0.06, 0.05, 0.05, 1.0),
     "hair": (0.10, 0.07, 0.05, 1.0),
     "bag": (0.25, 0.10, 0.08, 1.0),
-    "frame": (0.60, 0.60, 0.62, 1.0),
-    "tyre": (0.05, 0.05, 0.05, 1.0),
 }
 JOINTS = (
     "ground",
@@ -60,7 +59,7 @@ class Person:
         crouch: by which the legs are bent, as a share of their length
         swing: of the arms, against the usual
         hair: "short" or "long"
-        carries: "", "rucksack", "bag" or "pram"
+        carries: "", "rucksack", "bag", or "pram" for arms that push one
     """
 
     stature_m: float
@@ -108,7 +107,6 @@ _JACKET = [
     (0.863, 0.033, 0.035, 0.0),
 ]
 _HIPS = [(0.455, 0.050, 0.078, 0.0), (0.480, 0.062, 0.090, 0.0), (0.515, 0.063, 0.092, 0.0), (0.56, 0.056, 0.084, 0.0)]
-_PRAM_HANDLE_M = (0.42, 1.0)  # ahead of the pelvis and above the ground
 
 
 def build(name):
@@ -298,33 +296,7 @@ def _carried(person, places):
         bag = rounded_box(size_m=(0.32, 0.12, 0.26), radius_m=0.03).moved(position_m=wrist - [0, 0.02, 0.30])
         straps = [tube([wrist - [x, 0.02, 0.18], wrist - [0, 0, 0.07]], 0.008, segments=6) for x in (-0.09, 0.09)]
         return {"bag": [_carried_by(join(bag, *straps), "forearm_r")]}
-    if person.carries == "pram":
-        return {part: [_carried_by(mesh, "ground")] for part, mesh in _pram().items()}
     return {}
-
-
-def _pram():
-    """Part -> mesh of a pram before its pusher, who stands at the origin. Wheels have no spokes: they turn unseen."""
-    ahead, high = _PRAM_HANDLE_M
-    tub = rounded_box(size_m=(0.78, 0.40, 0.24), radius_m=0.09).moved(position_m=(ahead + 0.52, 0, 0.70))
-    hood = ellipsoid(radii_m=(0.24, 0.21, 0.26), segments=16, rows=10, power=2.4).moved(
-        position_m=(ahead + 0.72, 0, 0.82)
-    )
-    hood, _ = split(hood, 0.74 - hood.points_m[:, 2])
-    handle = tube([(ahead, -0.25, high), (ahead, 0.25, high)], 0.015, segments=8)
-    rods, wheels = [], []
-    for side in (-1, 1):
-        y = 0.25 * side
-        rods.append(tube([(ahead, y, high), (ahead + 0.35, y, 0.55), (ahead + 0.82, y, 0.14)], 0.012, segments=6))
-        rods.append(tube([(ahead + 0.35, y, 0.55), (ahead + 0.16, y, 0.14)], 0.012, segments=6))
-        for x in (ahead + 0.16, ahead + 0.82):
-            wheel = lathe(
-                [(0.02, -0.02), (0.12, -0.022), (0.14, -0.012), (0.14, 0.012), (0.12, 0.022), (0.02, 0.02)], segments=20
-            )
-            upright = wheel.turned([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
-            wheels.append(upright.moved(position_m=(x, y + 0.03 * side, 0.14)))
-    bed = box(size_m=(0.7, 0.3, 0.04), centre_m=(ahead + 0.5, 0, 0.57))
-    return {"bag": join(tub, hood), "frame": join(handle, *rods, bed), "tyre": join(*wheels)}
 
 
 def _skeleton(person, places):
@@ -393,7 +365,7 @@ def _reach(person, places):
     """(shoulder, elbow) of arms whose hands hold the handle of the pram."""
     shoulder, elbow = places["arm_l"], places["forearm_l"]
     upper, lower = float(np.linalg.norm(shoulder - elbow)), 0.175 * person.stature_m
-    ahead, high = _PRAM_HANDLE_M
+    ahead, high = HANDLE_M
     lean = np.radians(person.lean_deg)
     rise = shoulder[2] - places["chest"][2]
     at = np.array([rise * np.sin(lean), places["chest"][2] + rise * np.cos(lean)])

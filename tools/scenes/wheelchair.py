@@ -6,6 +6,7 @@ assumed. Castors have a quarter of the wheels' radius, so that they look the sam
 
 import numpy as np
 import people
+import pram
 from modelling import box, join, lathe, rounded_box, tube
 from vehicle_parts import SPOKES, UPRIGHT, rider, ring, rolling
 
@@ -13,9 +14,7 @@ RADIUS_M, HALF_TRACK_M = 0.305, 0.285
 AXLES_M = np.array([(-0.10, 0.0, RADIUS_M), (0.32, 0.0, RADIUS_M / 4)])
 COLOURS = {name: people.COLOURS[name] for name in ("skin", "clothes", "trousers", "shoes", "hair")} | {
     "seat": (0.08, 0.08, 0.09, 1.0),
-    "frame": people.COLOURS["frame"],
-    "tyre": people.COLOURS["tyre"],
-    "rim": (0.62, 0.63, 0.65, 1.0),
+    **{name: pram.COLOURS[name] for name in ("frame", "tyre", "rim")},
 }
 
 

@@ -19,6 +19,7 @@ from ..errors import InputError, warn
 from ..files.overrides import key_path, toml_text
 from ..formats.registry import FORMATS
 from ..rendering.render_options import FrameOptions, TraceOptions
+from ..rendering.rig_simulators import require_common_frames
 from ..rendering.surroundings import sun_doubts
 from ..scene.foreign import is_xml
 from ..scene.scene_file import files_of_scene, scene_model, scene_path, sensor_of_scene
@@ -375,7 +376,10 @@ def _sensors(file: JobFile, names: tuple[str, ...], folder: Path) -> Iterator[Se
         for rig in file.rigs:
             path = str(catalog.file_or_example(rig, folder).absolute())
             content = rig_content(path, overrides)
-            for label in (mounted.label for mounted in load_rig(path, overrides=overrides).sensors):
+            sensors = load_rig(path, overrides=overrides).sensors
+            if file.dataset == "nuscenes":
+                require_common_frames(sensors, file.frames)
+            for label in (mounted.label for mounted in sensors):
                 yield SensorChoice(
                     name="", rig=path, label=label, overrides=overrides, parameters=parameters, content=content
                 )

@@ -32,6 +32,10 @@ FREE_UNPACKED = 1 << 27
 NOT_THERE = (errno.ENOENT, errno.ENOTDIR, errno.ENAMETOOLONG)
 
 
+NOT_HIDDEN = "[!.]*"
+"""Pattern of a folder's files that were put there: macOS adds `._NAME` to each on a disk of another system."""
+
+
 def by_numbers(path: Path) -> list[tuple[int, str]]:
     """Return the key of a file's name that sorts frame_9 before frame_10."""
     return [(int(word), "") if word.isdecimal() else (-1, word) for word in re.split(r"(\d+)", path.name)]

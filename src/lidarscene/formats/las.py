@@ -51,8 +51,10 @@ LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
 BYTES_14 = 14
 """Kind of the extra bytes, each of which is a layer."""
 
-COUNTED = ((100, 54), (243, 60))
-"""(offset of a count in the header, least bytes of a record) for short and for extended records."""
+VERSION_MINOR = 25  # byte of the header: 4 in LAS 1.4
+COUNTED = ((100, 54, 0), (243, 60, 4))
+"""(offset of a count in the header, least bytes of a record, first LAS 1.x that has it) for short and for extended
+records."""
 
 
 def write_las(path: str | os.PathLike[str], cloud: Cloud, *, compressed: bool = False) -> None:
@@ -274,8 +276,8 @@ def _require_chunks(file: IO[bytes], points: int, size: int) -> None:
 def _require_counts(file: IO[bytes]) -> None:
     """Raise ValueError for more records than the file has room for: laspy would look for each of 4,000,000,000."""
     start, size = file.read(LONGEST_HEADER), os.fstat(file.fileno()).st_size
-    for offset, least in COUNTED:
-        if len(start) >= offset + 4:
+    for offset, least, version in COUNTED:
+        if len(start) >= offset + 4 and start[VERSION_MINOR] >= version:
             (count,) = struct.unpack_from("<I", start, offset)
             if count * least > size:
                 raise ValueError(f"the header must count records that the file has room for, got {count}")

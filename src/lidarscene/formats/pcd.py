@@ -30,6 +30,7 @@ from ..maths.rotations import quaternion
 from .cloud_columns import Cloud, Fields, sensor_positions_m
 from .cloud_description import LARGEST, counted_stream, described_fields, description, input_errors, line_format
 
+NEEDED = ("FIELDS", "SIZE", "TYPE", "WIDTH", "HEIGHT", "POINTS", "DATA")
 FIRST_LINE = "# .PCD v0.7 - Point Cloud Data file format"
 OURS = "# lidarscene "
 LONGEST_TEXT = 800  # common readers stop at 1024 characters
@@ -85,7 +86,7 @@ def read_pcd(path: str | os.PathLike[str]) -> Fields:
             ]
         )
         points, data = int(header["POINTS"][0]), header["DATA"][0]
-        fields = described_fields(_read_columns(file, dtype, points, data), text)
+        fields = described_fields(_read_columns(file, dtype, points, data, ours=True), text)
         if fields["xyz_m"].dtype == np.float64 and dtype["x"] == np.float32:
             fields["xyz_m"] += np.array([float(word) for word in header["VIEWPOINT"][:3]])
         return fields
@@ -109,7 +110,7 @@ def pcd_columns(path: str | os.PathLike[str]) -> tuple[dict[str, Numbers], tuple
         InputError: in one line
     """
     with input_errors(path), open(path, "rb") as file:
-        header, _ = _header_words(file)
+        header, text = _header_words(file)
         counts = [int(word) for word in header.get("COUNT", ["1"] * len(header["FIELDS"]))]
         fields = zip(header["FIELDS"], header["SIZE"], header["TYPE"], counts, strict=True)
         # Padding, and fields of several numbers, get names that are no columns of a cloud.
@@ -124,7 +125,7 @@ def pcd_columns(path: str | os.PathLike[str]) -> tuple[dict[str, Numbers], tuple
             ]
         )
         width, height = (int(header[word][0]) for word in ("WIDTH", "HEIGHT"))
-        columns = _read_columns(file, dtype, int(header["POINTS"][0]), header["DATA"][0])
+        columns = _read_columns(file, dtype, int(header["POINTS"][0]), header["DATA"][0], ours=bool(text))
         return columns, (height, width) if height > 1 else None
 
 
@@ -198,21 +199,25 @@ def _header_words(file: IO[bytes]) -> tuple[dict[str, list[str]], str]:
         elif not line.startswith("#") and line.strip():
             word, *values = line.split()
             header[word] = values
+    if absent := [word for word in NEEDED if not header.get(word)]:
+        raise ValueError(f"the header must have a line '{absent[0]}', got none")
     return header, text
 
 
-def _read_columns(file: IO[bytes], dtype: np.dtype[Any], points: int, data: str) -> dict[str, Numbers]:
+def _read_columns(file: IO[bytes], dtype: np.dtype[Any], points: int, data: str, *, ours: bool) -> dict[str, Numbers]:
     """Read the columns by name; ValueError if the file has fewer points than its header counts.
 
-    Bytes behind them, which some programs write, are left out, with an `OptionWarning`.
+    Bytes behind them, which some programs write, are left out, with an `OptionWarning`. The last line of ``ours`` ends.
     """
     names = dtype.names or ()
     if data == "ascii":
-        lines = file.readlines()
-        if len(lines) != points or (lines and not lines[-1].endswith(b"\n")):
+        lines = [line for line in file if line.strip()]
+        if len(lines) != points or (ours and lines and not lines[-1].endswith(b"\n")):
             raise ValueError(f"must have {points} whole lines of points, got {len(lines)}")
         rows = np.loadtxt(lines, dtype=dtype, comments=None, ndmin=1) if lines else np.zeros(0, dtype)
         return {name: _with_infinity(np.ascontiguousarray(rows[name])) for name in names}
+    if data not in ("binary", "binary_compressed"):
+        raise ValueError(f"DATA must be ascii, binary or binary_compressed, got '{data}'")
     content = file.read()
     if data == "binary_compressed":
         compressed_size, size = struct.unpack_from("<II", content)

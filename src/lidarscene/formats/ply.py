@@ -228,14 +228,14 @@ def _as_text(points: Numbers) -> bytes:
 
 def _header_lines(file: IO[bytes]) -> list[str]:
     """Read the lines as far as `end_header`, without the first; ValueError if the file is no PLY."""
-    if file.readline(16) != b"ply\n":
+    if file.readline(16).rstrip() != b"ply":
         raise ValueError("not a PLY file: the first line must be 'ply'")
     lines: list[str] = []
     while not lines or lines[-1] != "end_header":
         line = file.readline(4 * LONGEST_TEXT)
         if not line.endswith(b"\n"):
             raise ValueError("truncated or damaged in the PLY header: must have 'end_header', got none")
-        lines.append(line[:-1].decode("ascii", errors="replace"))
+        lines.append(line.rstrip(b"\r\n").decode("ascii", errors="replace"))
     return lines
 
 

@@ -46,6 +46,7 @@ KINDS = {
     "person": Kind(30, "Pedestrian", "human.pedestrian.adult"),
     "child": Kind(30, "Pedestrian", "human.pedestrian.child"),
     "wheelchair_user": Kind(30, "Pedestrian", "human.pedestrian.wheelchair"),
+    "pram": Kind(99, "Misc", "human.pedestrian.stroller"),
     "animal": Kind(99, "Misc", "animal"),
     "traffic_cone": Kind(99, NOT_IN_KITTI, "movable_object.trafficcone"),
     "bin": Kind(99, NOT_IN_KITTI, "movable_object.pushable_pullable"),

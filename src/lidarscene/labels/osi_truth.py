@@ -17,7 +17,7 @@ from ..maths.pose import Pose
 from ..scene.scene import Scene
 from .boxes import Box, GatheredBoxes
 
-VEHICLE, PEDESTRIAN, ANIMAL = 2, 3, 4
+OTHER_MOVER, VEHICLE, PEDESTRIAN, ANIMAL = 1, 2, 3, 4
 """Values of MovingObject.Type."""
 
 MOVING = {
@@ -25,6 +25,7 @@ MOVING = {
     "person": PEDESTRIAN,
     "child": PEDESTRIAN,
     "wheelchair_user": PEDESTRIAN,
+    "pram": OTHER_MOVER,
     "animal": ANIMAL,
 }
 VEHICLES = {

@@ -59,7 +59,7 @@ class Crosstalk:
             return None
         point = sensor.working_point(np.zeros(1))
         threshold_w = np.ravel(point.response.power_w(sensor.threshold(point)))[0]
-        sigma_s = sensor.laser.pulse_fwhm_s / SIGMAS_PER_FWHM
+        sigma_s = sensor.received_fwhm_s / SIGMAS_PER_FWHM
         volleys = find_volleys(sensor.scanner, sensor.optics.stray)
         # No channel then has more than NEGLIGIBLE of it, even if all others are as bright as the brightest.
         least_w = NEGLIGIBLE * float(threshold_w) / max(volleys.largest_sum, 1e-30)

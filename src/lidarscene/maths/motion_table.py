@@ -20,7 +20,7 @@ import numpy as np
 from .arrays import Lanes, Numbers, xp
 from .box_tree import BoxTree
 from .pose import Pose, rotation_numbers
-from .trajectory import Motion, States, fastest_turn_rad_s, held_from_m_s, rows_by, states_of
+from .trajectory import Motion, States, fastest_turn_rad_s, held_ends, held_from_m_s, rows_by, states_of
 from .vectors import Vector
 
 STEP_S = 5e-3
@@ -159,17 +159,23 @@ class Travel:
     carried_m: Numbers | None = None
     walks: Sequence[Strides | None] = ()
 
-    def instants(self) -> Numbers:
-        """(n,) times of the table."""
+
+def _instants(frames: Sequence[Travel]) -> list[Numbers]:
+    """Times (n,) of the table of each frame."""
+    # What a motion says of all its time it is asked once, however many frames show it.
+    known = {
+        motion: (motion.is_straight, fastest_turn_rad_s(motion), held_ends(motion))
+        for motion in dict.fromkeys(motion for frame in frames for motion in frame.motions)
+    }
+    times = []
+    for frame in frames:
+        straight, turns, ends = zip(*(known[motion] for motion in frame.motions), strict=True)
+        held = held_from_m_s(itertools.chain.from_iterable(ends), frame.start_s, frame.start_s + frame.length_s)
+        step_s = STEP_S if max(turns) <= FASTEST_TURN_RAD_S and held <= FASTEST_HELD_M_S else FINE_STEP_S
         # What goes straight on and never turns is exact between two instants.
-        bends = not all(motion.is_straight for motion in self.motions)
-        fastest = max(map(fastest_turn_rad_s, self.motions), default=0.0)
-        held = max(
-            (held_from_m_s(each, self.start_s, self.start_s + self.length_s) for each in self.motions), default=0.0
-        )
-        step_s = STEP_S if fastest <= FASTEST_TURN_RAD_S and held <= FASTEST_HELD_M_S else FINE_STEP_S
-        steps = max(math.ceil(self.length_s / step_s), 1) if bends else 1
-        return self.start_s + np.linspace(0.0, self.length_s, steps + 1)
+        steps = 1 if all(straight) else max(math.ceil(frame.length_s / step_s), 1)
+        times.append(frame.start_s + np.linspace(0.0, frame.length_s, steps + 1))
+    return times
 
 
 def _rows_together(frames: Sequence[Travel], times: Sequence[Numbers]) -> Numbers:
@@ -180,33 +186,43 @@ def _rows_together(frames: Sequence[Travel], times: Sequence[Numbers]) -> Number
     Args:
         times: instants of each frame, as many each
     """
-    # Each motion of a frame once: what a vehicle carries rides on it, and what a frame does not show rests.
-    motions: list[Motion] = []
-    of_frame: list[int] = []
-    rows: list[int] = []
+    instants = np.stack(times)
+    # Each motion once, at the instants of all frames that have it: what a vehicle carries rides on it, and what a frame
+    # does not show rests.
+    frames_of: dict[Motion, list[int]] = {}
     for number, frame in enumerate(frames):
-        row_of = {motion: len(motions) + row for row, motion in enumerate(dict.fromkeys(frame.motions))}
-        rows += [row_of[motion] for motion in frame.motions]
-        of_frame += [number] * len(row_of)
-        motions += row_of
-    instants = np.stack(times)[of_frame]
-    # So many together as processors hold in their caches.
-    many = max(_TOGETHER // instants.shape[1], 1)
-    parts = [slice(first, first + many) for first in range(0, len(motions), many)]
-    states = States.joined([states_of(motions[part], instants[part]) for part in parts])
-    table = np.zeros((*instants.shape, _NUMBERS))
-    table[:, :, :3] = states.position_m - np.stack([frame.centre_m for frame in frames])[of_frame, None]
+        for motion in dict.fromkeys(frame.motions):
+            frames_of.setdefault(motion, []).append(number)
+    parts: list[States] = []
+    row_of: dict[tuple[Motion, int], int] = {}
+    every = list(frames_of)
+    for numbers, places in rows_by(list(map(tuple, frames_of.values()))).items():
+        motions = [every[place] for place in places]
+        row_of |= {each: len(row_of) + row for row, each in enumerate(itertools.product(motions, numbers))}
+        own = instants[list(numbers)].ravel()
+        # So many together as processors hold in their caches.
+        many = max(_TOGETHER // len(own), 1)
+        for first in range(0, len(motions), many):
+            part = motions[first : first + many]
+            states = states_of(part, np.broadcast_to(own, (len(part), len(own))))
+            parts.append(states.regrouped(len(part) * len(numbers), instants.shape[1]))
+    states = States.joined(parts)
+    rows = [row_of[motion, number] for number, frame in enumerate(frames) for motion in frame.motions]
+    numbers_of = np.repeat(np.arange(len(frames)), [len(frame.motions) for frame in frames])
+    table = np.zeros((len(row_of), instants.shape[1], _NUMBERS))
+    table[:, :, :3] = states.position_m
     table[:, :, 3:7] = _with_continuous_signs(_quaternion(states.rotation))
     table[:, :, 7:10], table[:, :, 10:13] = states.velocity_m_s, states.turning_rad_s
     table = table[rows]
+    table[:, :, :3] -= np.stack([frame.centre_m for frame in frames])[numbers_of, None]
     walks: list[Strides | None] = []
     for frame in frames:
         walks += [None] * (len(frame.motions) - len(frame.walks)) + [*frame.walks]
     for walk, walkers in rows_by(walks).items():
         if walk is not None:
-            own = [rows[walker] for walker in walkers]
-            strides = walk(instants[own].ravel(), States.joined([states.taken(row) for row in own]))
-            table[walkers, :, 13:15] = strides.reshape(len(own), -1, 2)
+            own_states = [states.taken(rows[walker]) for walker in walkers]
+            strides = walk(instants[numbers_of[walkers]].ravel(), States.joined(own_states))
+            table[walkers, :, 13:15] = strides.reshape(len(walkers), -1, 2)
             table[walkers, :, 13] -= np.floor(table[walkers, :1, 13])  # small, for single precision
     return table
 
@@ -247,7 +263,7 @@ class MotionTable:
     def of_frames(cls, frames: Sequence[Travel]) -> list[MotionTable]:
         """Tabulate the motions of several frames, each table as if alone."""
         tables = []
-        planned = [(frame, frame.instants()) for frame in frames]
+        planned = list(zip(frames, _instants(frames), strict=True))
         for instants, alike in itertools.groupby(planned, key=lambda plan: len(plan[1])):
             own, times = zip(*alike, strict=True)
             tables += cls._alike(own, _rows_together(own, times), steps=instants - 1)

@@ -91,23 +91,55 @@ def polynomial(x: Lanes, *coefficients: float) -> Lanes:
 
 
 def log_gamma(x: Lanes) -> Lanes:
-    """log Gamma(x) for x >= 1, 1e-10 relative: Stirling's series at x + 6, and the recurrence back to x."""
-    ops = xp(x)
-    y = x + 6.0
-    inverse = 1.0 / y
-    square = inverse * inverse
-    series = inverse * (1.0 / 12.0 - square * (1.0 / 360.0 - square * (1.0 / 1260.0 - square * (1.0 / 1680.0))))
-    stirling = (y - 0.5) * ops.log(y) - y + 0.5 * math.log(2.0 * math.pi) + series
-    product = x * (x + 1.0) * (x + 2.0) * (x + 3.0) * (x + 4.0) * (x + 5.0)
-    return stirling - ops.log(product)
+    """log Gamma(x) for x >= 1, 1e-9 relative: Stirling's formula and what it lacks."""
+    return (x - 0.5) * xp(x).log(x) - x + 0.5 * math.log(2.0 * math.pi) + _beyond_stirling(x)
+
+
+_STIELTJES = 1 / 12, 1 / 30, 53 / 210, 195 / 371, 22999 / 22737, 29944523 / 19733142
+"""Source: NIST Digital Library of Mathematical Functions, 5.10; continued fraction of what Stirling's formula lacks."""
+
+
+def _beyond_stirling(x: Lanes) -> Lanes:
+    """log Gamma(x) less (x - 1/2) log x - x + log(2 pi) / 2: Stieltjes' fraction at x + 2, and the recurrence to x."""
+    lacking: Lanes = 0.0
+    for coefficient in reversed(_STIELTJES):
+        lacking = coefficient / (x + 2.0 + lacking)
+    for y in (x + 1.0, x):
+        lacking = lacking + ((y + 0.5) * log1p(1.0 / y) - 1.0)
+    return lacking
+
+
+def beta_power(x: Lanes, a: Lanes, b: Lanes) -> Lanes:
+    """x^a (1 - x)^b / B(a, b), for a and b >= 1 and 0 < x < 1.
+
+    As C. Loader computes binomial probabilities (Fast and Accurate Computation of Binomial Probabilities, 2000): by how
+    far a is from its share of a + b. Logarithms of factorials would lose all digits of single precision.
+    """
+    ops, trials = xp(x, a, b), a + b
+    exponent = _beyond_stirling(trials) - _beyond_stirling(a) - _beyond_stirling(b)
+    # The nearer to 0 of x and 1 - x has more digits.
+    beyond = ops.where(x < 0.5, a - trials * x, trials * (1.0 - x) - b)
+    for count, expected, off in ((a, trials * x, beyond), (b, trials * (1.0 - x), -beyond)):
+        # off - count log(count / expected), which near the expected one is a difference of nearly equal numbers.
+        near = ops.abs(off) < 0.05 * expected
+        share = ops.where(near, off / expected, 0.0)
+        series = polynomial(share, -1 / 56, 1 / 42, -1 / 30, 1 / 20, -1 / 12, 1 / 6, -1 / 2)
+        exponent = exponent + ops.where(near, off * share * series, off - count * ops.log(count / expected))
+    return ops.exp(exponent) * ops.sqrt(a * (b / trials) / (2.0 * math.pi))
+
+
+_MANY = 1000.0
+"""Accuracy bought: variance of a count from which on Edgeworth's series is better near the mean: both are good to 4e-5
+there."""
 
 
 def binomial_tail(*, least: Lanes, trials: Lanes, probability: Lanes) -> Lanes:
     """Probability that a binomial count is at least ``least``: the regularised incomplete beta I_p(k, n - k + 1).
 
     By its continued fraction (Abramowitz and Stegun 26.5.8, Lentz's method), on the side of the mean where it
-    converges within 60 terms for up to about 3000 trials. Relative error 1e-8 in float64; in float32 about 1e-4 for
-    400 trials, from the logarithms of the factorials.
+    converges within 60 terms for up to about 3000 trials. Of many more it does not near the mean, where Edgeworth's
+    series takes its place. Relative error up to 3000 trials 1e-8 in float64, and of any number of them 4e-5; in float32
+    5e-5 for 400 trials, some 1e-3 up to 1e9.
     """
     ops = xp(least, trials, probability)
     k = ops.maximum(ops.minimum(least, trials), 1.0)
@@ -116,11 +148,14 @@ def binomial_tail(*, least: Lanes, trials: Lanes, probability: Lanes) -> Lanes:
     # The fraction converges fast on one side of the mean only; on the other, I_p(a, b) = 1 - I_(1-p)(b, a).
     upper = p < (a + 1.0) / (a + b + 2.0)
     side_a, side_b, x = ops.where(upper, a, b), ops.where(upper, b, a), ops.where(upper, p, 1.0 - p)
-    log_front = (log_gamma(a + b) - log_gamma(a) - log_gamma(b) + side_a * ops.log(x) + side_b * log1p(-x)) - ops.log(
-        side_a
-    )
-    tail = ops.exp(log_front) * _incomplete_beta_fraction(side_a, side_b, x)
+    tail = beta_power(p, a, b) / side_a * _incomplete_beta_fraction(side_a, side_b, x)
     tail = ops.where(upper, tail, 1.0 - tail)
+    variance = trials * p * (1.0 - p)
+    deviation = ops.sqrt(variance)
+    off = (k - trials * p - 0.5) / deviation
+    density = ops.exp(-0.5 * off * off) / math.sqrt(2.0 * math.pi)
+    broad = normal_tail(off) + density * (off * off - 1.0) * (1.0 - 2.0 * p) / (6.0 * deviation)
+    tail = ops.where((variance > _MANY) & (ops.abs(off) < 1.0), broad, tail)
     tail = ops.where(least <= 0.0, 1.0, ops.where(least > trials, 0.0, tail))
     return ops.minimum(ops.maximum(tail, 0.0), 1.0)
 

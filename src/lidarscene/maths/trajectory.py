@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Annotated, Any, Protocol, TypeVar
 
@@ -55,10 +55,12 @@ class States:
         """States of several groups of motions, one after the other."""
         return cls(**{name: np.concatenate([getattr(each, name) for each in parts]) for name in _STATE_NAMES})
 
-    def reshaped(self, shape: tuple[int, ...]) -> States:
-        """The same states with other leading axes than one of instants."""
-        values = {name: getattr(self, name) for name in _STATE_NAMES}
-        return States(**{name: array.reshape(*shape, *array.shape[1:]) for name, array in values.items()})
+    def regrouped(self, motions: int, instants: int) -> States:
+        """The same states, of m n instants in all, as those of m motions at n instants each: (m, n, ...) arrays."""
+        entries = {"rotation": (3, 3)}
+        return States(
+            **{name: getattr(self, name).reshape(motions, instants, *entries.get(name, (3,))) for name in _STATE_NAMES}
+        )
 
     def pose(self, index: int = 0) -> Pose:
         """The pose at one instant."""
@@ -340,7 +342,7 @@ class Spline:
             first += len(motion.poses) - 1
         # The segments of all splines are one list.
         joined = _Segments.joined([motion._segments for motion in rows])
-        return joined.at(segments.ravel(), since_s.ravel()).reshaped(time_s.shape)
+        return joined.at(segments.ravel(), since_s.ravel()).regrouped(*time_s.shape)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -377,21 +379,11 @@ class _BeyondEnds(_Carried):
 class HeldAtEnds(_BeyondEnds):
     """A motion extended beyond its span: at rest in its first pose before, in its last pose after.
 
-    Two are one if they extend the same motion: `Repeated.in_frame` makes one for each frame.
-
     Attributes:
         delay_s: time by which all of it is later
     """
 
     delay_s: float = 0.0
-
-    def __eq__(self, other: object) -> bool:
-        """Whether the other one extends the same motion, as late."""
-        return isinstance(other, HeldAtEnds) and self.motion is other.motion and self.delay_s == other.delay_s
-
-    def __hash__(self) -> int:
-        """Number for dictionaries: a motion need not have one."""
-        return hash((id(self.motion), self.delay_s))
 
     def carrier_at(self, time_s: Numbers) -> tuple[Motion, Numbers]:
         """The motion, at times clipped to its span."""
@@ -437,6 +429,10 @@ def is_loop(first: Pose, last: Pose) -> bool:
     return apart_m <= LOOP_M and bool(np.allclose(first.rotation, last.rotation, rtol=0.0, atol=LOOP_ENTRY))
 
 
+_MOST_ROUNDS = 8
+"""Choice: rounds of a motion that are kept: frames that follow each other are in one or two."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Repeated(_BeyondEnds):
     """A motion with an end that begins again there, over and over, and did so before its start.
@@ -445,6 +441,7 @@ class Repeated(_BeyondEnds):
     """
 
     _jumps: list[bool] = field(init=False, default_factory=list)
+    _rounds: dict[int, HeldAtEnds] = field(init=False, default_factory=dict)
 
     @property
     def jumps(self) -> bool:
@@ -458,12 +455,20 @@ class Repeated(_BeyondEnds):
         return self._jumps[0]
 
     def in_frame(self, start_s: float) -> Motion:
-        """Return the motion as a frame that begins at this time shows it: if it jumps, then after the frame."""
+        """Return the motion as a frame that begins at this time shows it: if it jumps, then after the frame.
+
+        Frames of one round have the same one.
+        """
         if not self.jumps:
             return self
         first_s, last_s = self.motion.span_s
         period_s = last_s - first_s
-        return HeldAtEnds(motion=self.motion, delay_s=math.floor((start_s - first_s) / period_s) * period_s)
+        number = math.floor((start_s - first_s) / period_s)
+        if (known := self._rounds.get(number)) is not None:
+            return known
+        if len(self._rounds) >= _MOST_ROUNDS:
+            self._rounds.clear()
+        return self._rounds.setdefault(number, HeldAtEnds(motion=self.motion, delay_s=number * period_s))
 
     def carrier_at(self, time_s: Numbers) -> tuple[Motion, Numbers]:
         """The motion, at the times of the round that runs."""
@@ -476,19 +481,26 @@ class Repeated(_BeyondEnds):
         return states
 
 
-def held_from_m_s(motion: Motion, first_s: float, last_s: float) -> float:
-    """Largest speed [m/s] that a motion has at an end of its span, within these times, at which it is held."""
+def held_ends(motion: Motion) -> list[tuple[float, Motion, float]]:
+    """Times at which a motion, or one that it follows, is held at an end; that one, and the end of its own span."""
     carried: Motion | None = motion
-    speed_m_s = 0.0
+    ends, delay_s = [], 0.0
     while carried is not None:
         if isinstance(carried, HeldAtEnds):
-            first_s, last_s = first_s - carried.delay_s, last_s - carried.delay_s
-            for end_s in carried.motion.span_s:
-                if first_s - CLOCK_ROUNDING_S <= end_s <= last_s + CLOCK_ROUNDING_S:
-                    velocity_m_s = carried.motion.at(np.array([end_s])).velocity_m_s
-                    speed_m_s = max(speed_m_s, float(np.linalg.norm(velocity_m_s)))
+            delay_s += carried.delay_s
+            ends += [(delay_s + end_s, carried.motion, end_s) for end_s in carried.motion.span_s]
         carried = next((getattr(carried, name) for name in _CARRIERS if hasattr(carried, name)), None)
-    return speed_m_s
+    return ends
+
+
+def held_from_m_s(ends: Iterable[tuple[float, Motion, float]], first_s: float, last_s: float) -> float:
+    """Largest speed [m/s] at those of the `held_ends` of motions that lie within these times."""
+    within = (
+        float(np.linalg.norm(motion.at(np.array([end_s])).velocity_m_s))
+        for time_s, motion, end_s in ends
+        if first_s - CLOCK_ROUNDING_S <= time_s <= last_s + CLOCK_ROUNDING_S
+    )
+    return max(within, default=0.0)
 
 
 _CARRIERS = "motion", "carrier", "path"

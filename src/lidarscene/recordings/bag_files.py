@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
-from ..files.inputs import by_numbers
+from ..files.inputs import NOT_HIDDEN, by_numbers
 from ..files.optional import import_optional
 from ..formats.ros_bag import decoder
 
@@ -133,4 +133,4 @@ class BagReader:
 
 def _bag_files(folder: Path) -> list[Path]:
     """Files of a bag's folder, by the numbers in their names."""
-    return sorted((path for path in folder.iterdir() if path.name.endswith(SUFFIXES)), key=by_numbers)
+    return sorted((path for path in folder.glob(NOT_HIDDEN) if path.name.endswith(SUFFIXES)), key=by_numbers)

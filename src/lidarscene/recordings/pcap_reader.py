@@ -23,8 +23,8 @@ MAGIC = {
 """Source: pcap's file format; first bytes -> (order of its bytes, unit of the fraction of a second)."""
 
 HEADER_BYTES, RECORD_BYTES = 24, 16
-ETHERNET, RAW_IP, COOKED = 1, 101, 113
-_LINK_BYTES = {ETHERNET: 14, RAW_IP: 0, COOKED: 16}
+LOOPBACK, ETHERNET, RAW_IP, COOKED, COOKED_2 = 0, 1, 101, 113, 276
+_LINK_BYTES = {LOOPBACK: 4, ETHERNET: 14, RAW_IP: 0, COOKED: 16, COOKED_2: 20}
 UDP = 17
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError, OptionError
-from ..files.inputs import by_numbers
+from ..files.inputs import NOT_HIDDEN, by_numbers
 from ..files.optional import import_optional
 from ..formats.cloud_description import input_errors
 from ..formats.las import las_columns
@@ -81,7 +81,7 @@ def open_cloud(path: Path, metadata: Path | None) -> Recording:
     """
     if metadata is not None:
         raise OptionError("{metadata} {0}: needs a recording of packets, got {1}", metadata, path.name)
-    files = [path] if path.is_file() else sorted(filter(suffix_of, path.iterdir()), key=by_numbers)
+    files = [path] if path.is_file() else sorted(filter(suffix_of, path.glob(NOT_HIDDEN)), key=by_numbers)
     if not files:
         raise InputError(f"{path}: must hold files that end in {', '.join(CLOUDS)}, got none")
     recording_metadata = {"format": CLOUDS[str(suffix_of(files[0]))][0], "sensor": "", "frame": "0"}

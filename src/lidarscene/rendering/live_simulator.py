@@ -207,7 +207,7 @@ class LiveSimulator(Simulator):
             except InputError as error:
                 warn(OptionWarning("advance: frame {0} is left out: {1}", number, error))
         for track in self._tracks.values():
-            track.forget(next_start_s)
+            track.forget(min(next_start_s, self._now_s))
         return clouds
 
     def _frames_over(self, options: FrameOptions, now_s: float) -> tuple[range, float]:
@@ -310,9 +310,11 @@ class PoseHistory:
         self.poses.append(pose)
 
     def forget(self, before_s: float) -> None:
-        """Drop the poses that no frame after this time needs."""
+        """Drop the poses that no frame after this time needs; what rests since an earlier pose has it then, too."""
         first = max(bisect_right(self.times_s, before_s) - 1, 0)
         del self.times_s[:first], self.poses[:first]
+        if len(self.times_s) == 1:
+            self.times_s[0] = max(self.times_s[0], before_s)
 
     def motion(self) -> Motion:
         """Motion through the poses: a constant twist from each to the next, at rest before and after.

@@ -44,7 +44,7 @@ def simulators(
 
 
 def require_common_frames(sensors: Sequence[Mounted], frames: int) -> None:
-    """Raise InputError where the last frames of these sensors begin too far apart in time to be merged.
+    """Raise InputError where the last frames of these sensors begin too far apart in time to be one.
 
     Frames of 99.99 and 100 ms are no mistake: the last ones may begin half a frame apart.
     """
@@ -52,6 +52,6 @@ def require_common_frames(sensors: Sequence[Mounted], frames: int) -> None:
     short, long = (min(lengths, key=lambda label: lengths[label]), max(lengths, key=lambda label: lengths[label]))
     if (frames - 1) * (lengths[long] - lengths[short]) > lengths[short] / 2.0:
         raise InputError(
-            f"{frames} merged frames must begin together, got frames of {lengths[short]:g} s of '{short}' and "
-            f"of {lengths[long]:g} s of '{long}'"
+            f"{frames} frames must begin together to be merged or samples, got frames of {lengths[short]:g} s of "
+            f"'{short}' and of {lengths[long]:g} s of '{long}'"
         )

@@ -101,9 +101,7 @@ def test_drawn_bins_have_their_means_in_strong_sun(rate_mhz, dead_ns, fwhm_ns, d
     together to 0.1 % and their error. Half a bin too late is 1 to 3 %.
     """
     counter = photons.sensor(
-        f"detector.dead_time_ns={dead_ns}",
-        f"laser.pulse_fwhm_ns={fwhm_ns}",
-        "histogram.window_us=0.4",
+        f"detector.dead_time_ns={dead_ns} laser.pulse_fwhm_ns={fwhm_ns} histogram.window_us=0.4",
         f"detector.coincidence={coincidence}",
     )
     light_of = echoes_in_sun(counter, [30.0], [detections], rate_hz=1e6 * rate_mhz)

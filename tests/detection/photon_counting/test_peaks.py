@@ -130,9 +130,7 @@ def test_a_threshold_that_scatters_finds_as_many_as_its_probability(spread, leas
     wider spread a quarter of the thresholds are the least.
     """
     counter = photons.sensor(
-        "histogram.stops=3",
-        "histogram.threshold_floor=14",
-        f"histogram.threshold_spread={spread}",
+        f"histogram.stops=3 histogram.threshold_floor=14 histogram.threshold_spread={spread}",
         f"histogram.threshold_least={least}",
     )
     sharp = photons.sensor("histogram.stops=3", "histogram.threshold_floor=14")
@@ -155,12 +153,8 @@ def test_an_echo_without_photons_is_none_however_low_its_threshold_is_drawn():
     of a handful of counts, which (T96) takes for a continuous one.
     """
     counter = photons.sensor(
-        "histogram.stops=3",
-        "histogram.threshold_floor=3",
-        "histogram.threshold_slope=0",
-        "histogram.threshold_spread=0.8",
-        "histogram.threshold_least=0.2",
-        "detector.dark_count_rate_hz=0",
+        "histogram.stops=3 histogram.threshold_floor=3 histogram.threshold_slope=0",
+        "histogram.threshold_spread=0.8 histogram.threshold_least=0.2 detector.dark_count_rate_hz=0",
     )
     for signal in (1e-3, 0.03, 0.3, 1.0):
         light = photons.echoes_of(counter, 60.0, photons=signal, count=20_000, illuminance_klux=0.0)
@@ -435,11 +429,8 @@ def test_a_threshold_that_scatters_has_the_false_alarms_of_its_thresholds():
     Many thresholds of so wide a distribution lie at the least one.
     """
     counter = photons.sensor(
-        "histogram.threshold_floor=18.0",
-        "histogram.threshold_slope=0.0",
-        "histogram.threshold_spread=0.12",
-        "histogram.threshold_least=0.8",
-        "histogram.stops=4",
+        "histogram.threshold_floor=18.0 histogram.threshold_slope=0.0 histogram.threshold_spread=0.12",
+        "histogram.threshold_least=0.8 histogram.stops=4",
     )
     sky = photons.echoes_of(counter, 60.0, count=40_000, illuminance_klux=1.0)
     sky.has_surface[:], sky.peak_power_w[:] = False, 0.0
@@ -455,11 +446,8 @@ def test_a_threshold_that_scatters_has_the_false_alarms_of_its_thresholds():
     assert ours == pytest.approx(expected, rel=0.05, abs=4.0 * math.sqrt(expected / 40_000))
     # One that asks the neighbours scatters for echoes alone.
     asking = photons.sensor(
-        "histogram.threshold_floor=14.4",
-        "histogram.threshold_slope=0.0",
-        "histogram.threshold_spread=0.12",
-        "histogram.lone_factor=1.25",
-        "histogram.stops=4",
+        "histogram.threshold_floor=14.4 histogram.threshold_slope=0.0 histogram.threshold_spread=0.12",
+        "histogram.lone_factor=1.25 histogram.stops=4",
     )
     detection = photons.detect(sky, asking)
     of_noise = sum((stop.reported & (stop.status == Status.FALSE_ALARM)).mean() for stop in detection.stops)
@@ -869,12 +857,8 @@ def test_what_comes_while_the_receiver_is_blanked_is_none():
     from then on.
     """
     counter = photons.sensor(
-        "histogram.stops=2",
-        "detector.spads=100",
-        "histogram.blanking_ns=210",
-        "detector.stamps='first'",
-        "histogram.window_us=0.4",
-        "histogram.threshold_floor=100",
+        "histogram.stops=2 detector.spads=100 histogram.blanking_ns=210 detector.stamps='first'",
+        "histogram.window_us=0.4 histogram.threshold_floor=100",
     )
     pixel = counter.pixel(np.full(1, 1e-10))
     power_w = 0.5 / float(np.ravel(pixel.detections(1.0))[0])
@@ -984,10 +968,7 @@ def test_corrected_walk_leaves_nothing(name, keys, lights):
 def revived_scene(lambda_tau, dead_ns, detections, count, *keys):
     """A sensor of 16 SPADs and 120 shots in the sun, and strong echoes at 30 m."""
     counter = photons.sensor(
-        "detector.spads=16",
-        "histogram.shots=120",
-        "histogram.stops=2",
-        f"detector.dead_time_ns={dead_ns}",
+        f"detector.spads=16 histogram.shots=120 histogram.stops=2 detector.dead_time_ns={dead_ns}",
         "histogram.threshold_slope=0.33",
         *keys,
     )
@@ -1126,10 +1107,7 @@ def test_no_spads_come_back_in_the_dark_or_from_weak_echoes_or_where_none_can():
     counter, light = revived_scene(1.1, 20.0, 5.0, 1000)
     for keys in (["histogram.stops=1"], ["detector.stamps='first'"], ["histogram.coates=true"]):
         receiver = photons.sensor(
-            "detector.spads=16",
-            "histogram.shots=120",
-            "histogram.stops=2",
-            "detector.dead_time_ns=20",
+            "detector.spads=16 histogram.shots=120 histogram.stops=2 detector.dead_time_ns=20",
             "histogram.threshold_slope=0.33",
             *keys,
         )

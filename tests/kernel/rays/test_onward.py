@@ -252,12 +252,7 @@ def test_against_a_ray_tracer_of_planes():
     ranges in single precision over five segments, and cosines of 1e-6 on which Fresnel's equations depend steeply.
     """
     rng = np.random.default_rng(12)
-    overrides = (
-        "scanner.azimuth_fov_deg=8",
-        "scanner.elevation_fov_deg=8",
-        "scanner.azimuth_step_deg=0.8",
-        "scanner.elevation_step_deg=0.8",
-    )
+    overrides = chain.raster(8, 8, 0.8)
     compared = {0: 0, 1: 0}
     for _ in range(6):
         bodies, planes = [], []
@@ -384,23 +379,6 @@ def test_without_panes_and_mirrors_nothing_changes():
     assert [k["hash"] for k in ran] == [k["hash"] for k in ran_too]
     np.testing.assert_array_equal(cloud_0.xyz_m, cloud_3.xyz_m)
     np.testing.assert_array_equal(cloud_3.interactions, 0)
-
-
-def test_a_second_frame_compiles_nothing_and_chunks_do_not_show():
-    moving = pane(10.0, 40.0)
-    moving = dataclasses.replace(moving, motion=Course(start=moving.pose, velocity_m_s=(0.0, 5.0, 0.0)))
-    bodies = [moving, pane(14.0, 20.0, material="mirror", name="m"), chain.facing(range_m=30.0, size_m=60.0)]
-    described = chain.scene(*bodies, materials=MATERIALS)
-    sensor = chain.sensor("table1-apd", "scanner.azimuth_step_deg=1", "scanner.elevation_step_deg=1")
-    simulator = Simulator(described, sensor)
-    whole, before = kernels(simulator, seed=1, chunk=1024)
-    parts, ran = kernels(simulator, seed=1, chunk=512)
-    np.testing.assert_array_equal(whole.xyz_m, parts.xyz_m)
-    np.testing.assert_array_equal(whole.interactions, parts.interactions)
-    _, ran_too = kernels(simulator, seed=2, number=3)
-    launches.assert_none_is_new(ran, before)
-    launches.assert_none_is_new(ran_too, before)
-    assert set(whole.interactions) >= {0, 1}
 
 
 def test_a_single_pulse_that_meets_glass_is_told_once():

@@ -17,13 +17,7 @@ from lidarscene.scene.meshes.reflectivity_patterns import ReflectivityPattern
 pytestmark = pytest.mark.usefixtures("mi")
 
 RANGE_M = 20.0
-SENSOR = chain.sensor(
-    "table1-apd",
-    "scanner.azimuth_fov_deg=4",
-    "scanner.elevation_fov_deg=4",
-    "scanner.azimuth_step_deg=0.5",
-    "scanner.elevation_step_deg=0.5",
-)
+SENSOR = chain.sensor("table1-apd", *chain.raster(4, 4, 0.5))
 ROUGH = Material(name="road", bsdf="diffuse", reflectivity=Spectrum.constant(0.3), parameters={"facet_slope_deg": 30.0})
 MATT = Material(name="wall", bsdf="diffuse", reflectivity=Spectrum.constant(0.3))
 

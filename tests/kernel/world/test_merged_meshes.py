@@ -6,18 +6,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers import chain
 
 import lidarscene
 from lidarscene import PointCloud, Status
 from lidarscene.kernel.world import merged_meshes
 from lidarscene.kernel.world.mitsuba_xml import load_shapes
 
-COARSE = (
-    "scanner.azimuth_fov_deg=60",
-    "scanner.azimuth_step_deg=1",
-    "scanner.elevation_fov_deg=6",
-    "scanner.elevation_step_deg=1",
-)
+COARSE = chain.raster(60, 6, 1)
 
 SHAPE = """<shape type="{kind}" id="{name}">{more}
     <transform name="to_world"><rotate y="1" angle="-90"/><translate x="18" y="{y}"/></transform>

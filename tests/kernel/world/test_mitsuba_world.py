@@ -16,12 +16,7 @@ from lidarscene.scene.scene import Body, Part, Sun
 pytestmark = pytest.mark.usefixtures("mi")
 
 MIDDLE = 4
-WIDE = [
-    "scanner.azimuth_fov_deg=60",
-    "scanner.elevation_fov_deg=20",
-    "scanner.azimuth_step_deg=0.5",
-    "scanner.elevation_step_deg=0.5",
-]
+WIDE = chain.raster(60, 20, 0.5)
 
 
 def with_name(body, name, class_name):
@@ -90,14 +85,7 @@ def test_shadow_rays_do_not_jump_through_thin_gaps():
 @pytest.mark.parametrize("range_m", [1.0, 50.0, 250.0, 500.0])
 def test_no_surface_shades_itself(range_m):
     """Every beam on a plane under a grazing sun is lit, at every range."""
-    sensor = chain.sensor(
-        "table1-apd",
-        *WIDE,
-        "scanner.azimuth_fov_deg=8",
-        "scanner.elevation_fov_deg=8",
-        "scanner.azimuth_step_deg=0.05",
-        "scanner.elevation_step_deg=0.05",
-    )
+    sensor = chain.sensor("table1-apd", *WIDE, *chain.raster(8, 8, 0.05))
     grazing = Sun(azimuth_rad=math.radians(95.0), elevation_rad=0.0)
     body = chain.facing(range_m=range_m, size_m=0.3 * range_m)
     hits = chain.run_stages(chain.scene(body, sun=grazing), sensor).hits

@@ -8,6 +8,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from helpers import chain
 from helpers.child import assert_ended
 from helpers.mistakes import told
 
@@ -17,12 +18,7 @@ from lidarscene.errors import InputError
 from lidarscene.kernel.world.mitsuba_xml import load_shapes
 from lidarscene.materials.material_file import catalogue_material
 
-COARSE = (
-    "scanner.azimuth_fov_deg=40",
-    "scanner.azimuth_step_deg=1",
-    "scanner.elevation_fov_deg=20",
-    "scanner.elevation_step_deg=1",
-)
+COARSE = chain.raster(40, 20, 1)
 
 TRIANGLE = "v 0 0 -1\nv 0 0 1\nv 0 2 0\nv 0 -2 0\nf 1 3 2\nf 1 2 4\n"
 

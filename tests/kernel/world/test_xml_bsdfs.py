@@ -5,6 +5,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from helpers import chain
 from helpers.mistakes import told
 
 import lidarscene
@@ -17,12 +18,7 @@ from lidarscene.materials.material_file import catalogue_material
 FACING = '<transform name="to_world"><rotate y="1" angle="{angle}"/><translate x="10"/></transform>'
 FRONT, BACK = FACING.format(angle=-90), FACING.format(angle=90)
 RADIO = '<bsdf type="itu-radio-material" id="{id}"><string name="type" value="{kind}"/></bsdf>'
-COARSE = (
-    "scanner.azimuth_fov_deg=8",
-    "scanner.azimuth_step_deg=1",
-    "scanner.elevation_fov_deg=8",
-    "scanner.elevation_step_deg=1",
-)
+COARSE = chain.raster(8, 8, 1)
 
 
 def wall(folder: Path, bsdf: str, *, more: str = "", place: str = FRONT) -> Path:

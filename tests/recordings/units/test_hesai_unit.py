@@ -36,6 +36,17 @@ def test_points_of_the_decoder_lie_on_the_beams(tmp_path: Path, library: Callabl
     assert load_sensor(str(tmp_path / "unit.toml")).scanner.lasers == 32
 
 
+@pytest.mark.parametrize("name", ["Laser id", "Channel"])
+def test_a_table_as_units_send_it(tmp_path: Path, name: str) -> None:
+    """With a first line of its version and a last line of its hash, as in the maker's SDK; lines may be sorted anew."""
+    path = table(tmp_path / "angles.csv")
+    lists = read_unit(path).lists
+    _, *lines = path.read_text().splitlines()
+    rows = ["EEFF,1,1", f"{name},Elevation,Azimuth", *reversed(lines), f"{'eab278' * 10},,"]
+    path.write_text("\r\n".join(rows), newline="")
+    assert read_unit(path).lists == lists
+
+
 def table_of(path: Path, name: str, shift_deg: float = 0.0) -> Path:
     """Table of the catalogue's sensor, from the top; a unit's may be off by some tenths of a degree."""
     elevation_deg = np.sort(np.degrees(load_sensor(name).scanner.elevation_rad.values))[::-1] + shift_deg

@@ -80,7 +80,7 @@ def test_first_firmware_does_not_say_where_the_beams_begin(tmp_path: Path) -> No
     old = {key: value for key, value in json.loads(JSON.read_text()).items() if "origin" not in key}
     old.pop("beam_to_lidar_transform", None)
     source = tmp_path / "old.json"
-    source.write_text(json.dumps(old))
+    source.write_text(json.dumps(old), encoding="utf-16")  # as of PowerShell
     assert read_unit(source).lists["forward_mm"][0] == 27.67
 
 

@@ -164,14 +164,19 @@ def test_instances_are_each_there(stage: Any) -> None:
     assert [extent(piece)[0][0] for piece in save_and_read(stage)] == [0.0, 10.0]
 
 
-def test_a_point_instancer_puts_its_prototypes_at_its_points(stage: Any) -> None:
-    """The prototype's own shift first, then scale and place; the second point is masked."""
-    from pxr import UsdGeom
+@pytest.mark.parametrize("specifier", ["SpecifierDef", "SpecifierOver"])
+def test_a_point_instancer_puts_its_prototypes_at_its_points(stage: Any, specifier: str) -> None:
+    """The prototype's own shift first, then scale and place; the second point is masked.
+
+    A prototype may be below an `over`, which is drawn nowhere else.
+    """
+    from pxr import Sdf, UsdGeom
 
     instancer = UsdGeom.PointInstancer.Define(stage, "/trees")
     proto = UsdGeom.Xform.Define(stage, "/trees/kinds/a")
     proto.AddTranslateOp().Set((1.0, 0.0, 0.0))
     add_mesh(stage, "/trees/kinds/a/m", SQUARE, [4], [0, 1, 2, 3])
+    stage.GetPrimAtPath("/trees/kinds").SetSpecifier(getattr(Sdf, specifier))
     instancer.CreatePrototypesRel().SetTargets(["/trees/kinds/a"])
     instancer.CreateProtoIndicesAttr([0, 0, 0])
     instancer.CreatePositionsAttr([(0.0, 0.0, 0.0), (50.0, 0.0, 0.0), (100.0, 0.0, 0.0)])

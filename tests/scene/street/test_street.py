@@ -92,9 +92,9 @@ JUNCTIONS = LOOP | {"corners": "junctions"}
 
 
 @pytest.mark.parametrize(
-    "keys", chosen(3, [{"lanes": 1}, {"lanes": 2}, {"lanes": 3}, LOOP, JUNCTIONS, JUNCTIONS | {"lanes": 2}])
+    ("seed", "keys"),
+    chosen(1, [*itertools.product((1, 2, 3), ({"lanes": 1}, {"lanes": 2}, LOOP, JUNCTIONS, JUNCTIONS | {"lanes": 2}))]),
 )
-@pytest.mark.parametrize("seed", chosen(1, [1, 2, 3]))
 def test_nothing_that_stands_overlaps(seed: int, keys: dict[str, object]) -> None:
     """Houses, parked cars, trunks, posts and people are apart from each other and clear of all lanes and crossings."""
     layout = laid.lay_out(street(seed, parked_share=(0.5, 1.0), house_share=(0.5, 1.0), **keys))
@@ -109,7 +109,7 @@ def test_nothing_that_stands_overlaps(seed: int, keys: dict[str, object]) -> Non
     assert on_roads(layout) == []
 
 
-@pytest.mark.parametrize(("lanes", "pavement_m"), chosen(2, [*itertools.product((1, 2, 3), (2.8, 6.0, 10.0))]))
+@pytest.mark.parametrize(("lanes", "pavement_m"), chosen(1, [*itertools.product((1, 2, 3), (2.8, 6.0, 10.0))]))
 def test_nothing_stands_on_the_streets_that_lead_away_from_junctions(lanes: int, pavement_m: float) -> None:
     """Their room is taken from one end to the other, whatever the widths, before anything is built."""
     layout = laid.lay_out(street(1, **JUNCTIONS | {"length_m": 1200.0, "lanes": lanes, "pavement_m": pavement_m}))
@@ -140,34 +140,7 @@ def ribbon(layout: laid.Layout, x_m: np.ndarray, y_m: np.ndarray, size_m: tuple[
     return np.stack([east_m, north_m], axis=-1)[:, None] + signs[:, :1] * ahead[:, None] + signs[:, 1:] * left[:, None]
 
 
-@pytest.mark.parametrize("keys", chosen(2, [{"lanes": 1}, {"lanes": 2, "bend_deg": (0.0, 0.0)}, LOOP, JUNCTIONS]))
-@pytest.mark.parametrize("seed", chosen(1, [1, 2, 3]))
-def test_nobody_collides(seed: int, keys: dict[str, object]) -> None:
-    """All the time, nobody who moves overlaps with anybody, nor with what stands; every half second and between."""
-    layout = laid.lay_out(street(seed, stop_share=0.8, ahead=3, behind=2, **keys))
-    traffic = driven.drive(layout)
-    tracks = [traffic.ego, *traffic.others]
-    times_s = np.arange(0.0, traffic.ego.time_s[-1], 0.25)
-    corners = np.full((len(tracks), len(times_s), 4, 2), np.nan)
-    for row, track in enumerate(tracks):
-        present = (times_s >= track.time_s[0]) & (times_s <= track.time_s[-1])
-        at = [np.interp(times_s[present], track.time_s, each) for each in (track.x_m, track.y_m, track.yaw_deg)]
-        corners[row, present] = boxes(layout.line, track.name, *at)
-    middle_m = corners.mean(axis=2)
-    for a, b in itertools.combinations(range(len(tracks)), 2):
-        near = np.hypot(*(middle_m[a] - middle_m[b]).T) < 20.0
-        meets = meet(corners[a, near], corners[b, near])
-        assert not meets.any(), (tracks[a].name, tracks[b].name, times_s[near][meets][0])
-    still, still_names = standing_boxes(layout)
-    still_m = still.mean(axis=1)
-    for number, track in enumerate(tracks):
-        near = np.hypot(*np.moveaxis(middle_m[number][:, None] - still_m, -1, 0)) < 20.0
-        time, other = np.nonzero(near)
-        meets = meet(corners[number, time], still[other])
-        assert not meets.any(), (track.name, still_names[other[meets][0]], times_s[time[meets]][0])
-
-
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", chosen(1, [1, 2]))
 def test_the_way_is_driven_to_its_end_by_the_rules(seed: int) -> None:
     """The way goes from 0 to its length, never back, never faster than a driver wants, never braking harder than
     drivers do.
@@ -265,7 +238,7 @@ def test_a_loop_closes(corners: str) -> None:
     One street of 80 has a driver so slow that no bend slows it.
     """
     wished = []
-    for seed in (1, 2, 3):
+    for seed in chosen(2, [1, 2, 3]):
         file = street(seed, length_m=600.0, loop=True, corners=corners)
         layout = laid.lay_out(file)
         ends = layout.line.at(np.array([0.0, 600.0 - 1e-9]), np.zeros(2))
@@ -476,7 +449,7 @@ def test_lorries_and_buses_drive_where_the_street_is_straight_enough_for_them() 
     assert 0.03 < np.mean(lengths_m > 8.0) < 0.12
 
 
-@pytest.mark.parametrize("seed", range(1, 4))
+@pytest.mark.parametrize("seed", chosen(1, [1, 2, 3]))
 def test_a_narrow_pavement_has_room_for_who_walks_there(seed: int) -> None:
     """Who stands or waits keeps to the kerb, 0.4 m from those who walk; no conifer stands where people go."""
     keys = {"pavement_m": 2.8, "standing_spacing_m": (8.0, 12.0), "zebra_share": 1.0, "stop_share": 1.0}
@@ -503,7 +476,7 @@ def test_streets_of_different_seeds_have_different_houses_and_trees() -> None:
     assert houses == {house for district in DISTRICTS for house in district.houses}
 
 
-@pytest.mark.parametrize("seed", range(1, 4))
+@pytest.mark.parametrize("seed", chosen(1, [1, 2, 3]))
 def test_one_of_24_who_move_rolls_in_a_wheelchair_and_nobody_who_stands(seed: int) -> None:
     bodies = street_tables(street(seed, walking_spacing_m=(15.0, 30.0)))["bodies"]
     (chair,) = (body for body in bodies if "wheelchair" in body["name"])
@@ -513,6 +486,14 @@ def test_one_of_24_who_move_rolls_in_a_wheelchair_and_nobody_who_stands(seed: in
     for instance in chair["instances"]:
         places_m = np.array([pose["position_m"][:2] for pose in instance["motion"]["poses"]])
         assert (np.hypot(*np.diff(places_m, axis=0).T) > 0.0).all()
+
+
+def test_a_pram_rolls_before_who_pushes_it() -> None:
+    """Each that pushes has one, which goes where its pusher goes, and rolls."""
+    bodies = {body["name"]: body for body in street_tables(street(1, walking_spacing_m=(15.0, 30.0)))["bodies"]}
+    pusher, pram = bodies["walkers_woman_pram"], bodies["prams"]
+    assert (pram["class"], pram["animation"], pram["on_ground"]) == ("pram", "roll", True)
+    assert pram["instances"] == pusher["instances"]
 
 
 def test_a_wet_street_has_wet_ground_and_nothing_else() -> None:

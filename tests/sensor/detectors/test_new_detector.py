@@ -39,9 +39,18 @@ RENDER = (
 )
 
 
+VIEW = """
+import lidarscene
+from lidarscene.view.controls import Equipment
+equipment = Equipment(lidarscene.load_scene("car"), "pin.toml")
+print(list(equipment.detectors), [control.key for control in equipment._controls("")])
+print(lidarscene.Simulator("car", "pin.toml").render(seed=1).metadata["intensity_unit"])
+"""
+
+
 @pytest.fixture(scope="module")
 def newcomer(tmp_path_factory):
-    """Sources that have the new file and its name: their folder, how to run Python there, and what commands print."""
+    """Sources that have the new file and its name: their folder, and what commands print there."""
     folder = tmp_path_factory.mktemp("newcomer")
     names = "ApdFile | SipmFile | SpadFile"
     added = f"from .pin_detector import PinFile\n\nAnyDetectorFile = PinFile | {names}"
@@ -64,12 +73,13 @@ def newcomer(tmp_path_factory):
         "fov pin.toml -o fov",
         "schema sensor",
         "check pin.toml",
+        VIEW,
     )
-    return folder, command, printed
+    return folder, printed
 
 
 def test_it_renders_the_points_of_an_apd_without_gain(newcomer):
-    folder, _, _ = newcomer
+    folder, _ = newcomer
     for name in ("{}.npz", "{}_waveforms.npz", "{}_ambient.npz"):
         with np.load(folder / name.format("pin")) as pin, np.load(folder / name.format("apd")) as diode:
             assert set(pin.files) == set(diode.files)
@@ -82,7 +92,7 @@ def test_it_renders_the_points_of_an_apd_without_gain(newcomer):
 
 
 def test_studies_know_it(newcomer):
-    folder, _, (_, _, ranges, table, sensitivities, *_, checked) = newcomer
+    folder, (_, _, ranges, table, sensitivities, *_, checked, _) = newcomer
     pin, diode = (json.loads(ranges)[name] for name in ("pin", "apd"))
     # The APD's load of 1e12 ohm adds 3e-9 of the variance.
     assert pin["range_m"] == pytest.approx(diode["range_m"], rel=1e-8)
@@ -94,15 +104,7 @@ def test_studies_know_it(newcomer):
 
 
 def test_the_view_has_its_slider_and_its_unit(newcomer):
-    _, command, _ = newcomer
-    code = (
-        "from lidarscene.view.controls import Equipment\nfrom lidarscene.scene.scene_file import load_scene\n"
-        "equipment = Equipment(load_scene('car'), 'pin.toml')\n"
-        "print(list(equipment.detectors), [control.key for control in equipment._controls('')])\n"
-        "import lidarscene\n"
-        "print(lidarscene.Simulator('car', 'pin.toml').render(seed=1).metadata['intensity_unit'])\n"
-    )
-    printed = command("-c", code)
+    _, (*_, printed) = newcomer
     assert "PIN diode, its own" in printed
     assert "detector.quantum_efficiency" in printed
     assert printed.splitlines()[-1] == "A"

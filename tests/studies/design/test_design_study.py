@@ -289,7 +289,7 @@ def test_a_constraint_that_no_key_moves_is_said(tmp_path: Path) -> None:
     noise = '[constraints]\nnoise = {quantity = "false_points", at_most = 20}'
     free = '"tdc.threshold_to_noise" = {low = 3, high = 9}'
     text = STUDY.format(sensor='"sipm-905"', more="", free=free, objectives='range = {maximize = "range"}', last=noise)
-    numbers = numbers_of(write(tmp_path, text.replace("evaluations = 6", "evaluations = 100")), tmp_path / "sipm")
+    numbers = numbers_of(write(tmp_path, text.replace("evaluations = 6", "evaluations = 60")), tmp_path / "sipm")
     # Between 5.98 (21.8) and 6 (11.9) times the noise the threshold passes a step of the counts: no slope leads there.
     assert numbers["chosen"]["quantities"]["noise"] <= 20.0
     reached_m = plane.range_at_probability_m(
@@ -314,7 +314,7 @@ def test_the_share_of_built_units_reaches_its_range() -> None:
 
 RESERVE = """
 sensor = "apd-905"
-evaluations = 40
+evaluations = 20
 [free]
 "optics.aperture_radius_mm" = {low = 5, high = 50}
 [tolerance]
@@ -495,7 +495,7 @@ def test_a_sensor_is_a_choice_and_keys_belong_to_one(tmp_path: Path) -> None:
     pytest.importorskip("pymoo")
     text = """
     sensor = ["table1-apd", "table1-sipm"]
-    evaluations = 60
+    evaluations = 30
     eye_safety = "off"
     [set]
     "table1-sipm:detector.statistics" = "time_domain"

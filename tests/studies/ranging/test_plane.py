@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.child import assert_ended
 from helpers.trains import detect
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -234,23 +233,6 @@ def test_effective_aperture_counts_as_aperture():
 def test_equal_ranges_need_a_change_of_places():
     with pytest.raises(ValueError, match="do not change places between 10 and 100"):
         plane.equal_range_illuminance_klux(APD, SIPM, Target(), low_klux=10, high_klux=100)
-
-
-def test_nothing_of_it_needs_llvm_or_mitsuba(run_python):
-    code = """
-import sys
-from lidarscene import load_sensor
-from lidarscene.detection import receiver
-from lidarscene.detection.outcomes import Outcome
-from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
-from lidarscene.physics.electronics import sipm
-from lidarscene.studies.ranging import plane as ranging
-print(round(ranging.maximum_range_m(load_sensor("table1-apd"), ranging.Target())[0], 3))
-print([name for name in ("mitsuba", "drjit", "matplotlib") if name in sys.modules])
-"""
-    process = run_python(code, LIDARSCENE_VARIANT="nonsense", DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so")
-    assert_ended(process)
-    assert process.stdout == "350.605\n[]\n"
 
 
 def test_the_sky_adds_to_the_sun_in_the_closed_form():

@@ -12,8 +12,8 @@ from lidarscene.studies.twin.told_apart import Image, told_apart
 ROWS, COLUMNS = 64, 512
 
 
-@pytest.fixture
-def few_trees(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture(autouse=True)
+def _few_trees(monkeypatch: pytest.MonkeyPatch) -> None:
     use_few_trees(monkeypatch)
 
 
@@ -37,7 +37,6 @@ def test_frames_of_one_sensor_are_not_told_apart() -> None:
     assert all(abs(accuracy - 0.5) < 0.1 for accuracy in accuracies().values())
 
 
-@pytest.mark.usefixtures("few_trees")
 @pytest.mark.parametrize(
     ("changed", "telling"),
     [({"sigma_m": 0.02}, "range texture"), ({"lost": 0.1}, "holes"), ({"texture": 0.1}, "intensity")],
@@ -49,12 +48,10 @@ def test_a_difference_is_told_by_its_own_group(changed: dict[str, float], tellin
     assert abs(found["edges"] - 0.5) < 0.1
 
 
-@pytest.mark.usefixtures("few_trees")
 def test_the_scale_of_strengths_tells_nothing() -> None:
     assert abs(accuracies(scale=7.0)["intensity"] - 0.5) < 0.1
 
 
-@pytest.mark.usefixtures("few_trees")
 def test_digits_below_the_steps_of_ranges_tell_nothing() -> None:
     """Rationale: both are in steps of a millimetre. Times in steps of 6.67 ps make one of 0.9998 mm, and single
     precision has digits of its own: trees told quantiles that differ by that apart, in one of four cases by 0.1.
@@ -72,7 +69,6 @@ def test_digits_below_the_steps_of_ranges_tell_nothing() -> None:
     assert abs(results["range texture"].accuracy - 0.5) < 0.1
 
 
-@pytest.mark.usefixtures("few_trees")
 def test_without_strengths_or_with_few_patches() -> None:
     pytest.importorskip("sklearn")
     bare = [Image(image(seed).range_m, None) for seed in (1, 2)]

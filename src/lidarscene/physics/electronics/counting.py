@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ...maths.arrays import Array, Lanes, xp
-from ...maths.special import log1p, log_gamma
+from ...maths.special import beta_power
 
 _FEW = 10.0
 """Accuracy bought: mean below which the distribution is inverted term by term; above it, Cornish and Fisher's expansion
@@ -42,8 +42,8 @@ def upcrossings_hz(*, least: Lanes, cells: Lanes, busy_share: Lanes, dead_time_s
     ops = xp(least, cells, busy_share)
     k = ops.minimum(ops.maximum(least, 1.0), cells)
     share = ops.minimum(ops.maximum(busy_share, 1e-30), 1.0 - 1e-7)
-    log_ways = log_gamma(cells + 1.0) - log_gamma(k) - log_gamma(cells - k + 1.0)  # of k N! / (k! (N - k)!)
-    rate = ops.exp(log_ways + k * ops.log(share) + (cells - k) * log1p(-share)) / dead_time_s
+    # k P(k), with k N! / (k! (N - k)!) = 1 / B(k, N - k + 1).
+    rate = beta_power(share, k, cells - k + 1.0) / (1.0 - share) / dead_time_s
     return ops.where(least > cells, 0.0, rate)
 
 

@@ -46,6 +46,10 @@ _STRETCHES = (0.5, 1.0, 2.0)
 """Accuracy bought: stretches of time on either side of the peak of which the one with the largest f counts, in
 sigma_p."""
 
+_FORGOTTEN = math.sqrt(4.0 / math.pi)
+"""Choice: most deviations by which a count on the edge exceeds its mean: (T119) of a level mean over a dead time, where
+S is 1. Over a stretch of several it is no random walk."""
+
 _SURE = 5.0
 """Accuracy bought: deviations above the level at which P_d is 1 in single precision."""
 
@@ -89,10 +93,10 @@ class CountEdge:
 
     @classmethod
     def from_cells(
-        cls, *, sigma_s: Lanes, rate_hz: Lanes, dead_time_s: Lanes, cells: Lanes, free: Lanes, variance: Lanes
+        cls, *, sigma_s: Lanes, rate_hz: Lanes, dead_time_s: Lanes, busy: Lanes, free: Lanes, variance: Lanes
     ) -> CountEdge:
         """Build from rate_hz, at which the background fires a ready cell, and the variance of the busy cells."""
-        ops = xp(sigma_s, rate_hz, free)
+        ops, cells = xp(sigma_s, rate_hz, free), busy + free
         dead_time = ops.maximum(dead_time_s / sigma_s, _SHORTEST)
         # Independent cells have the variance busy (free / N); they fire and revive busy / T times each.
         return cls(
@@ -101,7 +105,7 @@ class CountEdge:
             dead_time=dead_time,
             free=free,
             jumps=2.0 * variance * cells / free / dead_time,
-            cluster=variance * cells / ops.maximum(free * (cells - free), 1e-6 * free),
+            cluster=variance * cells / ops.maximum(free * busy, 1e-6 * free),
         )
 
     @property
@@ -211,6 +215,7 @@ class CountEdge:
         reviving = self.cluster * per_pulse * _density(place - self.dead_time)
         steep = 2.0 * sigma * ops.maximum(arriving - reviving, 0.0) / (self.jumps + arriving + reviving + 1e-9)
         before = ops.maximum(passage.before, 1e-6)
+        before = ops.where(self.dead_time < _STRETCHES[-1], ops.minimum(before, _FORGOTTEN), before)
         return ops.maximum(sigma / ops.sqrt(steep * steep + 1.0 / (before * before)) - 0.5, 0.0)
 
 

@@ -19,24 +19,38 @@ MODELS = ("pandar40p", "pandar64", "pandarqt", "pandarxt-16", "pandarxt-32", "xt
 """The catalogue's sensors. A QT128C2X is not among them: its table says not which lasers fire together."""
 
 
+CHANNEL = ("laser id", "channel")
+"""Names of the column with the number of a channel."""
+
+
 def read_hesai(path: Path) -> Unit:
-    """Read the table of angles of one unit.
+    """Read the table of angles of one unit, a line for each channel in any order.
+
+    A line EEFF before the names of the columns, and one with a hash behind the channels, are left out.
 
     Raises:
         InputError: if a file, a key or a value cannot be understood
     """
     with input_errors(path), path.open(newline="", encoding="utf-8-sig") as file:
         rows = [[cell.strip() for cell in row] for row in csv.reader(file) if any(cell.strip() for cell in row)]
-        header = [cell.lower() for cell in rows[0]] if rows else []
-        column_index = {name: header.index(name) for name in ("elevation", "azimuth") if name in header}
-        if len(column_index) < 2:
-            raise ValueError(f"must have columns Elevation and Azimuth, got {', '.join(rows[0]) if rows else 'none'}")
-        angles = []
-        for number, row in enumerate(rows[1:], 2):
-            cells = {name: row[index] if index < len(row) else "" for name, index in column_index.items()}
-            angles.append(tuple(number_of(cell, f"line {number}: {name}") for name, cell in cells.items()))
-        if not angles:
+        first = 1 if len(rows) > 1 and rows[0][0].upper() == "EEFF" else 0
+        header = [cell.lower() for cell in rows[first]] if rows else []
+        columns = [header.index(name) for name in ("elevation", "azimuth") if name in header]
+        if len(columns) < 2:
+            raise ValueError(
+                f"must have columns Elevation and Azimuth, got {', '.join(rows[first]) if rows else 'none'}"
+            )
+        columns += [header.index(name) for name in CHANNEL if name in header]
+        lines = []
+        for number, row in enumerate(rows[first + 1 :], first + 2):
+            cells = [row[index] if index < len(row) else "" for index in columns]
+            if any(cells[:2]):
+                lines.append(
+                    [number_of(cell, f"line {number}: {header[i]}") for i, cell in zip(columns, cells, strict=True)]
+                )
+        if not lines:
             raise ValueError("must have a line for each channel, got none")
+        angles = [line[:2] for line in sorted(lines, key=lambda line: line[2:])]
     return Unit(
         model=nearest_model(MODELS, [elevation for elevation, _ in angles]),
         name=path.stem,

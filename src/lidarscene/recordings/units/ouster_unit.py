@@ -60,7 +60,7 @@ def read_ouster(path: Path, mode: str | None = None, *, text: str | None = None)
         InputError: if a file, a key or a value cannot be understood
     """
     with input_errors(path):
-        metadata = dict(_leaves(json.loads(path.read_text(encoding="utf-8") if text is None else text)))
+        metadata = dict(_leaves(json.loads(path.read_bytes() if text is None else text)))
     altitude, azimuth = (
         _angles(path, metadata, "beam_altitude_angles"),
         _angles(path, metadata, "beam_azimuth_angles"),

@@ -152,17 +152,18 @@ class _Reader:
 
     def stage(self, stage: Any) -> UsdStage:
         """Read all of the stage."""
-        pieces = list(self.pieces_below(stage.GetPseudoRoot(), np.eye(4)))
+        pieces = list(self.pieces_below(stage.GetPseudoRoot(), np.eye(4), self._pxr.Usd.PrimDefaultPredicate))
         return UsdStage(pieces=pieces, unit_m=self._metres, up=self._up, left_out=dict(self._left_out))
 
-    def pieces_below(self, root: Any, placed: Numbers) -> Iterator[SubMesh]:
+    def pieces_below(self, root: Any, placed: Numbers, drawn: Any) -> Iterator[SubMesh]:
         """Yield the pieces of a prim and of all prims below it.
 
         Args:
             placed: (4, 4) from the frame of the parent of ``root`` to the stage's; USD multiplies rows from the left
+            drawn: predicate of prims that are there
         """
         pxr = self._pxr
-        prims = iter(pxr.Usd.PrimRange(root, pxr.Usd.TraverseInstanceProxies(pxr.Usd.PrimDefaultPredicate)))
+        prims = iter(pxr.Usd.PrimRange(root, pxr.Usd.TraverseInstanceProxies(drawn)))
         frames = {root.GetParent().GetPath(): placed} if root.GetParent() else {}
         for prim in prims:
             if not prim.IsA(pxr.UsdGeom.Imageable):
@@ -201,8 +202,11 @@ class _Reader:
         )
         mask = instancer.ComputeMaskAtTime(self._time) or [True] * len(numbers)
         numbers = [index for index, is_kept in zip(numbers, mask, strict=True) if is_kept]
+        # As in Pixar's renderers, a prototype may be below an `over`, where it appears at the points only.
+        usd = self._pxr.Usd
+        drawn = usd.PrimIsActive & usd.PrimIsLoaded & ~usd.PrimIsAbstract
         for index, transform in zip(numbers, transforms, strict=True):
-            yield from self.pieces_below(prototypes[index], np.array(transform) @ frame)
+            yield from self.pieces_below(prototypes[index], np.array(transform) @ frame, drawn)
 
     def _pieces(self, prim: Any, frame: Numbers) -> Iterator[SubMesh]:
         """Yield one piece for each material of a prim that has a shape."""

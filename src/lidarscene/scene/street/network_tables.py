@@ -40,7 +40,7 @@ from .shapes import (
     TREE_SCALES,
     District,
     draw_district,
-    moving_table,
+    moving_tables,
     own_table,
     paint_at,
     shapes,
@@ -282,7 +282,8 @@ def _moving(movers: Sequence[RoadUser], relief: Relief) -> list[Tables]:
     for mover in movers:
         if mover.kind not in lacking:
             motions[_look(mover)].append(_motion(mover, relief, at_end="hide"))
-    return [moving_table(name, motions[name]) for name in sorted(motions, key=lambda name: (shapes()[name].mesh, name))]
+    names = sorted(motions, key=lambda name: (shapes()[name].mesh, name))
+    return [body for name in names for body in moving_tables(name, motions[name])]
 
 
 def _strip(

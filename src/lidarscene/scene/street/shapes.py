@@ -123,10 +123,16 @@ def own_table(name: str) -> Tables:
     return body_table(name, shapes()[name], moves=True) | {"motion": {"with_ego": True}}
 
 
-def moving_table(name: str, motions: Sequence[Tables]) -> Tables:
-    """Table of what moves along roads: an instance for each motion."""
-    instances = [{"motion": motion} for motion in motions]
-    return body_table(name, shapes()[name], moves=True) | {"on_ground": True, "instances": instances}
+def moving_tables(name: str, motions: Sequence[Tables]) -> list[Tables]:
+    """Tables of what moves along roads, and of what it pushes, whose origin is its own: an instance for each motion."""
+    shape = shapes()[name]
+    pushed = catalog.shipped_meshes()[shape.mesh].get("pushes")
+    bodies = {name: shape} | ({f"{pushed}s": StreetBody(pushed, {})} if pushed else {})
+    return [
+        body_table(each, its_shape, moves=True)
+        | {"on_ground": True, "instances": [{"motion": dict(motion)} for motion in motions]}
+        for each, its_shape in bodies.items()
+    ]
 
 
 def standing_table(name: str, places: Sequence[Tables]) -> Tables:

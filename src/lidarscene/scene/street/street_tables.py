@@ -21,7 +21,7 @@ from ..ground_area import Outline
 from .islands import kerbed_corner_m
 from .layout import CORNER_M, CROSS_HALF_M, CROSS_REACH_M, KERB_M, STOP_LINE_M, ZEBRA_M, Block, Layout, Place, lay_out
 from .pieces import FOOT_M, PAINT_M, RAISED_M, Tables, ground, placed, rounded, sheet, soil, street_scene, timed_poses
-from .shapes import PEOPLE, WALKERS, moving_table, own_table, shapes, standing_table
+from .shapes import PEOPLE, WALKERS, moving_tables, own_table, shapes, standing_table
 from .street_file import StreetFile
 from .terrain import PLACES_M, SOIL_BLUR_M, Relief, Terrain
 from .traffic import Track, Traffic, drive
@@ -189,8 +189,9 @@ def _moving(layout: Layout, traffic: Traffic) -> list[Tables]:
     """Bodies of all that moves, but for the own car: an instance with a motion for each."""
     at_end = "repeat" if layout.file.loop else "hide"
     return [
-        moving_table(name, [{"poses": _poses(layout, track), "at_end": at_end} for track in tracks])
+        body
         for name, tracks in _by_shape((track.name, track) for track in traffic.others).items()
+        for body in moving_tables(name, [{"poses": _poses(layout, track), "at_end": at_end} for track in tracks])
     ]
 
 

@@ -128,7 +128,7 @@ class Sipm(GeigerDetector):
         )
         published = self.statistics == "published"
         noise_state = self._published_state(photons) if published else self._steady_state(photons)
-        variance, free_cells, kappa_1, kappa_2 = noise_state
+        variance, busy_cells, free_cells, kappa_1, kappa_2 = noise_state
         busy_share = 1.0 - free_cells / self.cells
         share_of = sipm.fired_share_published if published else sipm.fired_share
         photons_of = sipm.photons_for_share_published if published else sipm.photons_for_share
@@ -141,7 +141,7 @@ class Sipm(GeigerDetector):
                 sigma_s=pulse_fwhm_s / SIGMAS_PER_FWHM,
                 rate_hz=rate_hz,
                 dead_time_s=self.dead_time_s,
-                cells=self.cells,
+                busy=busy_cells,
                 free=free_cells,
                 variance=variance,
             )
@@ -159,11 +159,10 @@ class Sipm(GeigerDetector):
             return 2.0 * before_peak(arriving) * photon_energy_j / pulse_fwhm_s
 
         def crossings_hz(threshold: Lanes, _bandwidth_hz: Lanes, _least_hz: Lanes | None) -> Lanes:
-            busy = self.cells - free_cells
             return counting.upcrossings_hz(
-                least=least_count(threshold + busy),
+                least=least_count(threshold + busy_cells),
                 cells=self.cells,
-                busy_share=busy / self.cells,
+                busy_share=busy_cells / self.cells,
                 dead_time_s=self.dead_time_s,
             )
 
@@ -174,7 +173,7 @@ class Sipm(GeigerDetector):
             response=Response(
                 signal=signal, power_w=power_w, knee=sipm.MOST_TELLING_SHARE * free_cells, largest=free_cells - 0.5
             ),
-            counts=CellCounts(cells=self.cells, busy=self.cells - free_cells) if self.counts_whole_cells else None,
+            counts=CellCounts(cells=self.cells, busy=busy_cells) if self.counts_whole_cells else None,
             least_threshold=self.cell_floor,
             memory=memory,
             edge=edge,
@@ -265,15 +264,16 @@ class Sipm(GeigerDetector):
 
         return at_peak, before_peak
 
-    def _published_state(self, photons: Lanes) -> tuple[Lanes, Lanes, Lanes, Lanes]:
-        """Variance (25) + (26), free cells of (24), and the echo's own binomial variance on those cells."""
+    def _published_state(self, photons: Lanes) -> tuple[Lanes, Lanes, Lanes, Lanes, Lanes]:
+        """Variance (25) + (26), busy and free cells of (24), and the echo's own binomial variance on the free ones."""
         busy = self.cells * sipm.fired_share_published(photons=photons, pde=self.efficiency, cells=self.cells)
         dark = sipm.dark_counts(cells=self.cells, dark_count_rate_hz=self.dark_rate_hz, dead_time_s=self.dead_time_s)
         # Only a darkness of 1 / tau per cell could empty this; the bound keeps the division below finite.
         free = xp(busy, dark).maximum(self.cells - busy - dark, 1e-6 * self.cells)
-        return sipm.fired_variance_published(fired=busy, cells=self.cells) + dark, free, 1.0, -1.0 / free
+        variance = sipm.fired_variance_published(fired=busy, cells=self.cells) + dark
+        return variance, busy + dark, free, 1.0, -1.0 / free
 
-    def _steady_state(self, photons: Lanes) -> tuple[Lanes, Lanes, Lanes, Lanes]:
+    def _steady_state(self, photons: Lanes) -> tuple[Lanes, Lanes, Lanes, Lanes, Lanes]:
         """Busy and fired cells together are binomial: p = b + s / N gives N p (1 - p) around the variance.
 
         With crosstalk that is so much more by `sipm.crosstalk_variance`: exact here without an echo, with half of the
@@ -281,14 +281,15 @@ class Sipm(GeigerDetector):
         """
         busy = self._busy_share(photons)
         variance = sipm.busy_variance_steady_state(busy_share=busy, cells=self.cells)
-        free = self.cells * (1.0 - busy)
+        # Few busy ones among many cells are lost in the difference of all and the free ones.
+        busy_cells, free = self.cells * busy, self.cells * (1.0 - busy)
         if self.crosstalk is None:
-            return variance, free, 1.0 - 2.0 * busy, -1.0 / self.cells
+            return variance, busy_cells, free, 1.0 - 2.0 * busy, -1.0 / self.cells
         variance, half = variance * self._clusters(busy), 0.5 * (1.0 + busy)
         at_half = sipm.busy_variance_steady_state(busy_share=half, cells=self.cells) * self._clusters(half)
         at_none = variance / free
         slope = (2.0 * at_half / free - at_none) * 2.0 / free
-        return variance, free, free * slope - at_none, -slope
+        return variance, busy_cells, free, free * slope - at_none, -slope
 
     def _clusters(self, busy_share: Lanes) -> Lanes:
         """Variance over that of independent cells."""
