@@ -209,7 +209,7 @@ def test_a_detector_learns_from_generated_frames(tmp_path: Path) -> None:
 
 
 def test_range_images_beside_those_of_kitti_have_points_in_their_pixels() -> None:
-    """By hand: 5 and 20 m ahead in the lowest row, where the nearer hides the farther, and 10 m to the left."""
+    """Pixels by hand: 5 and 20 m ahead in the lowest row, where the nearer hides the farther, and 10 m to the left."""
     tool = runpy.run_path(str(ROOT / "benchmarks" / "beside_kitti.py"))
     low, aside = np.radians([-24.33, 30.0])
     ahead = np.array([np.cos(low), 0.0, np.sin(low)])
