@@ -2,8 +2,8 @@
 
 import itertools
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,14 +24,7 @@ from lidarscene.scene.street.street_file import StreetFile
 LEVEL = lines.Profile(np.array([-1e4, 1e4]), np.zeros(2))
 
 
-def road(
-    line_m: Sequence[Sequence[float]],
-    *width_m: float,
-    kind: str = "road",
-    edge: str = "a",
-    lights: bool = False,
-    speed_m_s: float = 14.0,
-) -> sumo.LaneGroup:
+def road(line_m, *width_m, kind="road", edge="a", lights=False, speed_m_s=14.0):
     return sumo.LaneGroup(kind, np.array(line_m, float), width_m or (3.0,), edge, lights, speed_m_s)
 
 
@@ -429,10 +422,35 @@ def test_a_vehicle_of_sumo_has_its_middle_behind_its_front() -> None:
     np.testing.assert_allclose(pose, (4.0, 5.0, 0.0, 2.0), atol=1e-12)
 
 
+@pytest.mark.parametrize("keeps_to", [-1.0, 1.0])
+def test_kerbs_of_pavements_are_where_the_road_is(keeps_to: float) -> None:
+    """Lanes begin at the side that traffic keeps to; a road of one direction may have pavements on both sides."""
+
+    def lane(kind: str, y_m: float) -> SimpleNamespace:
+        points_m = [(0.0, y_m, 0.0), (50.0, y_m, 0.0)]
+        return SimpleNamespace(getShape3D=lambda: points_m, getWidth=lambda: 2.0, allows=lambda asked: asked == kind)
+
+    lanes = [lane("pedestrian", 3.0 * keeps_to), lane("bus", 0.0), lane("pedestrian", -3.0 * keeps_to)]
+    node = SimpleNamespace(getType=lambda: "priority")
+    edge = SimpleNamespace(getLanes=lambda: lanes, getToNode=lambda: node, getID=lambda: "a", getSpeed=lambda: 9.0)
+    pavements = [group.line_m for group in sumo._groups(edge) if group.kind == "pavement"]
+    assert len(pavements) == 2
+    for line_m in pavements:
+        assert np.sign(line_m[1, 0] - line_m[0, 0]) == -np.sign(line_m[0, 1]), "the road is to the left"
+
+
+def test_who_rolls_in_sumo_rolls(tmp_path: Path) -> None:
+    """People whose type is of SUMO's class `wheelchair`, which is 1.2 m long by default; all others walk."""
+    (tmp_path / "a.rou.xml").write_text('<routes><vType id="rolls" vClass="wheelchair"/><vType id="slow"/></routes>')
+    types = sumo._types([tmp_path / "a.rou.xml"])
+    people = [ElementTree.Element("person", {"type": kind, "x": "10", "angle": "90"}) for kind in ("rolls", "slow")]
+    (kind, length_m, pose), (other, *_) = (sumo._placed(thing, types) for thing in people)
+    assert (kind, length_m, other) == ("wheelchair", 1.2, "pedestrian")
+    assert pose[0] == pytest.approx(9.4)
+
+
 @pytest.mark.parametrize("streets", [3, 4])
-def test_a_drawn_town_is_a_grid_with_slopes_and_roads_that_spread(
-    streets: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_drawn_town_is_a_grid_with_slopes_and_roads_that_spread(streets, tmp_path, monkeypatch):
     """SUMO is not run: slopes of neighbours, two directions of each street, a ring whose pieces go round it once."""
     monkeypatch.setattr(sumo, "_run", lambda *_: [])
     net, loop = sumo.draw_town(streets, tmp_path, seed=3, slopes=(0.02, 0.05))
@@ -533,9 +551,7 @@ def test_markings_of_a_network_are_where_lanes_end_and_meet(crossroads: sumo.Net
     assert all(np.ptp(np.array(body["line"])[:, int("line_4" in body["name"])]) > 20.0 for body in edges)
 
 
-def test_what_stands_by_a_network_faces_the_road_and_stands_off_it(
-    crossroads: sumo.Network, relief: terrain.Relief
-) -> None:
+def test_what_stands_by_a_network_faces_the_road_and_stands_off_it(crossroads, relief):
     """Lights to the right of the lanes and the cycle path; rails on both sides of a bridge and of fast roads."""
     roadside = tables._Roadside(crossroads, StreetFile(house_share=(1.0, 1.0)), None)
     roadside.lights(crossroads)

@@ -338,9 +338,7 @@ def test_kerbs_go_round_the_corners_of_streets_that_cross(loop: bool) -> None:
 
 
 @pytest.mark.parametrize(("seed", "lanes", "pavement_m"), chosen(1, [(1, 1, 10.0), (2, 3, 3.2), (3, 2, 3.2)]))
-def test_a_junction_is_road_and_pavement_without_a_gap_and_the_lanes_are_on_its_road(
-    seed: int, lanes: int, pavement_m: float, tmp_path: Path
-) -> None:
+def test_a_junction_is_road_and_pavement_without_a_gap_and_the_lanes_are_on_its_road(seed, lanes, pavement_m, tmp_path):
     """Its square is one ground at each place, the soil behind its cut corners left out; four streets begin there.
 
     A car keeps 0.5 m to the kerbs on each lane.
