@@ -16,7 +16,7 @@ import pytest
 import trimesh
 from helpers.clouds import small_cloud
 from helpers.mistakes import told
-from helpers.sources import parsed
+from helpers.sources import parse
 
 import lidarscene
 from lidarscene import Material, PointCloud, Rig, Scene, Sensor
@@ -178,8 +178,11 @@ def test_messages_have_the_command_lines_names_of_options_only_there() -> None:
     A name alone, without a sentence, is an option's own, or an argument of another program.
     """
     package, found = Path(lidarscene.__file__).parent, {}
-    for file, tree in parsed(package).items():
-        name, nodes = file.relative_to(package).as_posix(), list(ast.walk(tree))
+    for file in package.rglob("*.py"):
+        code = file.read_text("utf-8")
+        if not re.search(r"--[a-z]", code):
+            continue
+        name, nodes = file.relative_to(package).as_posix(), list(ast.walk(parse(code)))
         documented = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
         texts = [part.value for part in nodes if isinstance(part, ast.Constant) and id(part) not in documented]
         named = [text for text in texts if " " in str(text) and re.search(r"(^|[\s(])--[a-z]", str(text))]
@@ -256,9 +259,7 @@ def test_what_a_hint_names_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
                 eval(code, dict(names))
 
 
-def test_a_name_makes_a_sensor_a_scene_a_rig_a_material_and_a_cloud(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_name_makes_a_sensor_a_scene_a_rig_a_material_and_a_cloud(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert Sensor("apd-905").detector == APD.detector
     assert Sensor("apd-905", overrides="detector.gain=60").detector.gain == 60
@@ -287,6 +288,13 @@ def test_a_reflectivity_makes_a_material() -> None:
     )
     with pytest.raises(lidarscene.InputError, match="the scene has another of this name"):
         scene.add(NAMES["mesh"], Material(name="reflectivity 0.2", reflectivity=0.3))
+    box = trimesh.creation.box()
+    two = trimesh.Scene([box, box])
+    choices = {
+        name: Material(name="paint", reflectivity=value) for name, value in zip(two.geometry, (0.1, 0.8), strict=True)
+    }
+    with pytest.raises(lidarscene.InputError, match="the scene has another of this name"):
+        lidarscene.load_scene(two, materials=choices)
     brick, mine = Material("brick"), Material(reflectivity=Material("brick").reflectivity)
     assert mine.at(905e-9)["reflectivity"] == brick.at(905e-9)["reflectivity"]
     assert mine.at(1550e-9)["reflectivity"] == brick.at(1550e-9)["reflectivity"] != brick.at(905e-9)["reflectivity"]
@@ -381,8 +389,10 @@ def test_warnings_of_other_packages_are_no_findings(monkeypatch: pytest.MonkeyPa
 
 def test_a_street_is_a_scene_and_takes_numbers_of_numpy(tmp_path: Path) -> None:
     file = tmp_path / "street.toml"
-    file.write_text("[street]\nseed = 5\nlanes = 1\nwet = true\nspeed_m_s = [8, 11]\nlength_m = 80\n")
-    keys = {"lanes": np.int64(1), "wet": np.bool_(True), "speed_m_s": np.array([8, 11]), "length_m": np.float32(80)}
+    few = "house_share = [0, 0]\nparked_share = [0, 0]\nshown_m = 50\nwalking_spacing_m = [90, 99]\n"
+    file.write_text(f"[street]\nseed = 5\nlanes = 1\nwet = true\nlength_m = 80\n{few}")
+    keys = {"lanes": np.int64(1), "wet": np.bool_(True), "length_m": np.float32(80), "shown_m": 50}
+    keys |= dict.fromkeys(("house_share", "parked_share"), np.zeros(2)) | {"walking_spacing_m": np.array([90, 99])}
     assert repr(lidarscene.street(np.int64(5), **keys).bodies) == repr(Scene(file).bodies)
     with told("town | from 3 to 12 | 99"):
         lidarscene.street(town=np.int64(99))

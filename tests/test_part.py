@@ -46,9 +46,7 @@ def test_a_file_of_costs_is_read_as_it_is_written(tmp_path: Path) -> None:
         (["tests/conftest.py"], 30.0, []),
     ],
 )
-def test_tests_of_a_change_come_by_their_nearness_and_time(
-    folder: Path, changed: list[str], limit_s: float, names: list[str]
-) -> None:
+def test_tests_of_a_change_come_by_their_nearness_and_time(folder, changed, limit_s, names):
     """Those that are named after the module or import it, of its folder, of the chain."""
     chosen = part.of_changes(changed, COSTS, limit_s)
     assert sorted(name for functions in chosen.values() for name in functions) == sorted(names)

@@ -1,10 +1,5 @@
 """Kernels that the tests compile without optimisation compute what users' kernels do."""
 
-import subprocess
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
-
 import pytest
 import quick_kernels
 from helpers.child import assert_ended
@@ -20,9 +15,7 @@ print([hashlib.sha256(getattr(cloud, column.attribute).tobytes()).hexdigest() fo
 """
 
 
-def test_optimised_kernels_compute_the_same(
-    mi: Any, run_python: Callable[..., subprocess.CompletedProcess[str]], tmp_path: Path
-) -> None:
+def test_optimised_kernels_compute_the_same(mi, run_python, tmp_path):
     """Bit by bit; and the kernels differ, so the options are in force."""
     if not quick_kernels.can_be_used():
         pytest.skip("no LLVM whose options are known")

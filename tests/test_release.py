@@ -5,7 +5,6 @@ import io
 import subprocess
 import tarfile
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -61,9 +60,7 @@ def write_sdist(folder: Path, names: list[str]) -> Path:
         (lambda names: names, "9.9", f"must be version {__version__}, got 9.9"),
     ],
 )
-def test_a_wheel_has_all_and_nothing_else(
-    change: Callable[[set[str]], set[str]], version: str, mistake: str | None, release: ModuleType, tmp_path: Path
-) -> None:
+def test_a_wheel_has_all_and_nothing_else(change, version, mistake, release, tmp_path):
     wheel = write_wheel(tmp_path, change(IN_WHEEL | LICENCES), version)
     mistakes = release.wheel_mistakes(wheel, TRACKED)
     assert any(mistake in line for line in mistakes) if mistake else not mistakes
@@ -85,9 +82,7 @@ def test_one_version_everywhere(release: ModuleType, monkeypatch: pytest.MonkeyP
     ]
 
 
-def test_what_is_built_is_checked_and_nothing_is_sent(
-    release: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_built_is_checked_and_nothing_is_sent(release, tmp_path, monkeypatch, capsys):
     """uv and twine are called as below; a wheel that lacks a file ends it before twine looks at it."""
     called: list[list[str]] = []
     contents = IN_WHEEL | LICENCES

@@ -20,16 +20,8 @@ ROOT = Path(__file__).parents[2]
 MESHES, SCENES = ROOT / "assets" / "meshes", ROOT / "scenes"
 CATALOGUE = ROOT / "src" / "lidarscene" / "catalog" / "materials"
 
-STATURES = {
-    "pedestrian": 1.75,
-    "man_tall": 1.86,
-    "man_old": 1.72,
-    "woman": 1.63,
-    "woman_short": 1.54,
-    "child_12": 1.50,
-    "child_7": 1.22,
-    "child_4": 1.03,
-}
+STATURES = {"pedestrian": 1.75, "man_tall": 1.86, "man_old": 1.72, "woman": 1.63, "woman_short": 1.54}
+STATURES |= {"child_12": 1.50, "child_7": 1.22, "child_4": 1.03}
 # Fewest and most triangles, size (x, y, z) in metres and how far it may be off.
 EXPECTED = {
     "car": ((15_000, 30_000), (4.4, 2.1, 1.47), 0.06),

@@ -83,9 +83,7 @@ def test_an_unknown_name_lists_what_fits(kind: str, typed: str, named: str) -> N
         catalog.path_of(kind, typed)
 
 
-def test_without_the_folder_of_scenes_a_line_says_where_it_was_searched(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_without_the_folder_of_scenes_a_line_says_where_it_was_searched(monkeypatch, tmp_path):
     monkeypatch.setattr(catalog, "folder", lambda kind: tmp_path / kind)
     for name in ("street", "ab"):
         with told(f"scene {name!r} | {tmp_path / 'scenes'}"):
@@ -106,9 +104,7 @@ def test_an_example_is_a_sensor_by_its_name() -> None:
 
 
 @pytest.mark.parametrize(("kind", "name"), [("examples", "my-apd"), ("sensors", "vlp-16")])
-def test_a_file_that_is_not_there_yet_is_one_command_away(
-    kind: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_file_that_is_not_there_yet_is_one_command_away(kind, name, tmp_path, monkeypatch, capsys):
     """The line of the message, as typed, makes the file that was asked for."""
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError) as caught:

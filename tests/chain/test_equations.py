@@ -56,42 +56,40 @@ from scipy.stats import norm
 
 from lidarscene.physics.electronics import apd, range_limit, sipm, tdc
 from lidarscene.physics.optics import pulse, radiometry
-from lidarscene.physics.reference import apd as reference_apd
-from lidarscene.physics.reference import electronics as reference_electronics
-from lidarscene.physics.reference import optics as reference_optics
-from lidarscene.physics.reference import sipm as reference_sipm
+from lidarscene.physics.reference import apd as ref_apd
+from lidarscene.physics.reference import electronics as ref_tdc
+from lidarscene.physics.reference import optics as ref_optics
+from lidarscene.physics.reference import sipm as ref_sipm
 
 CASES = {
     "1": (radiometry.range_from_time_of_flight_m(time_of_flight_s=1e-6), c * 1e-6 / 2),
-    "2": (reference_optics.time_of_flight_from_beat_s(beat_frequency_hz=1e6, chirp_rate_hz_s=1e12), 1e6 / 1e12),
+    "2": (ref_optics.time_of_flight_from_beat_s(beat_frequency_hz=1e6, chirp_rate_hz_s=1e12), 1e6 / 1e12),
     "3": (
-        reference_optics.lambertian_intensity_w_sr(
+        ref_optics.lambertian_intensity_w_sr(
             reflectivity=RHO, transmittance=TAU, peak_power_w=PT, cos_incidence=cos(THETA)
         ),
         RHO * TAU * PT / pi * cos(THETA),
     ),
     "4": (radiometry.aperture_solid_angle_sr(aperture_m2=A, range_m=R), A / R**2),
     "5": (
-        reference_optics.lambertian_echo_power_w(
+        ref_optics.lambertian_echo_power_w(
             peak_power_w=PT, reflectivity=RHO, cos_incidence=cos(THETA), range_m=R, efficiency=ETA_R, **RECEIVER
         ),
         P_R,
     ),
     "6, A_b": (
-        reference_optics.field_of_view_area_m2(
-            range_m=R, detector_radius_m=RPD, focal_length_m=F, cos_incidence=cos(THETA)
-        ),
+        ref_optics.field_of_view_area_m2(range_m=R, detector_radius_m=RPD, focal_length_m=F, cos_incidence=cos(THETA)),
         pi * (R * RPD / F) ** 2 / cos(THETA),
     ),
-    "6": (reference_optics.sun_flux_w(sun_irradiance_w_m2=ESUN, seen_area_m2=0.4, cos_sun=CS), ESUN * 0.4 * CS),
+    "6": (ref_optics.sun_flux_w(sun_irradiance_w_m2=ESUN, seen_area_m2=0.4, cos_sun=CS), ESUN * 0.4 * CS),
     "7": (
-        reference_optics.sun_intensity_w_sr(
+        ref_optics.sun_intensity_w_sr(
             sun_flux_w=ESUN * pi * (R * RPD / F) ** 2 / cos(THETA) * CS, reflectivity=RHO, cos_incidence=cos(THETA)
         ),
         ESUN * RHO * R**2 * (RPD / F) ** 2 * CS,
     ),
     "8": (
-        reference_optics.lambertian_sun_power_w(
+        ref_optics.lambertian_sun_power_w(
             sun_irradiance_w_m2=ESUN,
             reflectivity=RHO,
             cos_sun=CS,
@@ -107,7 +105,7 @@ CASES = {
     ),
     "11": (tdc.signal_to_noise(signal=7.0, noise=2.0), 3.5),
     "12": (
-        reference_apd.signal_a(
+        ref_apd.signal_a(
             responsivity_a_w=apd.responsivity_a_w(quantum_efficiency=QE, photon_energy_j=HNU), gain=M, power_w=P_R
         ),
         e / HNU * M * QE * P_R,
@@ -117,7 +115,7 @@ CASES = {
     "F, k_e": (apd.excess_noise_mcintyre(gain=M, ionisation_ratio=0.02), 0.02 * M + (1 - 0.02) * (2 - 1 / M)),
     "F, M^x": (apd.excess_noise_power_law(gain=M, index=X), M**X),
     "13": (
-        reference_apd.total_noise_a(
+        ref_apd.total_noise_a(
             signal_variance_a2=1.0,
             background_variance_a2=2.0,
             dark_variance_a2=3.0,
@@ -143,7 +141,7 @@ CASES = {
         2 * 3e-16 / 1e-20,
     ),
     "21": (
-        reference_sipm.photon_detection_efficiency(quantum_efficiency=0.7, trigger_probability=0.5, fill_factor=0.6),
+        ref_sipm.photon_detection_efficiency(quantum_efficiency=0.7, trigger_probability=0.5, fill_factor=0.6),
         0.7 * 0.5 * 0.6,
     ),
     "22, 23, S5": (sipm.fired_cells_published(photons=N_SP, **CELLS), N * (1 - exp(N_SP * EXPONENT))),
@@ -161,25 +159,25 @@ CASES = {
         sipm.fired_variance_published(fired=N * (1 - exp(N_BP * EXPONENT)), cells=N),
         N * (1 - exp(N_BP * EXPONENT)) * exp(N_BP * EXPONENT),
     ),
-    "26": (reference_sipm.dark_deviation(dark_counts=N * DCR * DEAD), sqrt(N * DCR * DEAD)),
+    "26": (ref_sipm.dark_deviation(dark_counts=N * DCR * DEAD), sqrt(N * DCR * DEAD)),
     "27": (
-        reference_sipm.snr_published(signal_photons=N_SP, background_photons=N_BP, **CELLS, **DARK),
+        ref_sipm.snr_published(signal_photons=N_SP, background_photons=N_BP, **CELLS, **DARK),
         (N - N * (1 - exp(N_BP * EXPONENT)) - N * DCR * DEAD)
         * (1 - exp(N_SP * EXPONENT))
         / sqrt(N * (1 - exp(N_BP * EXPONENT)) * exp(N_BP * EXPONENT) + N * DCR * DEAD),
     ),
     "27, derived": (
-        reference_sipm.snr_steady_state(signal_photons=N_SP, background_photons=N_BP, **CELLS, **DARK),
+        ref_sipm.snr_steady_state(signal_photons=N_SP, background_photons=N_BP, **CELLS, **DARK),
         N * (1 - exp(-N_SP * PDE / N)) / sqrt(N * (N_BP * PDE / N + DCR * DEAD)),
     ),
     "28": (
         sipm.snr_approximate(signal_photons=N_SP, background_photons=N_BP, pde=PDE),
         P_R * FWHM / (2 * sqrt(HNU * P_RS * DEAD)) * sqrt(PDE),
     ),
-    "S1": (reference_sipm.photon_count_probability(photons=7.0, mean_photons=5.0), 5**7 * exp(-5) / factorial(7)),
-    "S2": (reference_sipm.quiet_probability_published(photons=7.0, **CELLS), exp(-7 * PDE / N)),
+    "S1": (ref_sipm.photon_count_probability(photons=7.0, mean_photons=5.0), 5**7 * exp(-5) / factorial(7)),
+    "S2": (ref_sipm.quiet_probability_published(photons=7.0, **CELLS), exp(-7 * PDE / N)),
     "S3": (
-        reference_sipm.fired_joint_probability_published(photons=7.0, mean_photons=5.0, **CELLS),
+        ref_sipm.fired_joint_probability_published(photons=7.0, mean_photons=5.0, **CELLS),
         5**7 * exp(-5) / factorial(7) * (1 - exp(-7 * PDE / N)),
     ),
     "S4": (sipm.fired_share_published(photons=N_SP, **CELLS), 1 - exp(N_SP * EXPONENT)),
@@ -197,7 +195,7 @@ def test_as_typed_by_hand(equation):
 def test_apd_noise_and_snr():
     """(18), (19), and (20), which is (19) in other letters."""
     assert noise_18() == pytest.approx(sigma_18(P_RS), rel=1e-12)
-    snr = reference_apd.snr(responsivity_a_w=K_PD, gain=M, echo_power_w=P_R, noise_a=noise_18())
+    snr = ref_apd.snr(responsivity_a_w=K_PD, gain=M, echo_power_w=P_R, noise_a=noise_18())
     assert snr == pytest.approx(K_PD * M * P_R / sigma_18(P_RS), rel=1e-12)
     abc = apd.snr_of_gain(
         signal_at_unit_gain_a=K_PD * P_R,
@@ -229,8 +227,8 @@ def test_false_alarms_and_back():
     for ratio in (0.5, 3.0, 5.0, 9.0):
         p = tdc.false_alarm_probability(threshold=ratio * 0.3, noise=0.3)
         assert p == pytest.approx(norm.sf(ratio), rel=1e-9)
-        assert reference_electronics.threshold_to_noise(p_false=p) == pytest.approx(ratio, rel=1e-9)
-    assert reference_electronics.threshold_to_noise(p_false=0.9) == pytest.approx(norm.isf(0.9), rel=1e-8)
+        assert ref_tdc.threshold_to_noise(p_false=p) == pytest.approx(ratio, rel=1e-9)
+    assert ref_tdc.threshold_to_noise(p_false=0.9) == pytest.approx(norm.isf(0.9), rel=1e-8)
     p = tdc.false_alarm_probability(threshold=5.0, noise=1.0)
     rice = tdc.rice_rate_hz(threshold=5.0, noise=1.0, bandwidth_hz=BW)
     assert rice == pytest.approx(BW / sqrt(3) * exp(-12.5), rel=1e-12)
@@ -273,7 +271,7 @@ def test_derived_limits_solve_the_background_limited_snr():
 def test_the_appendix_sums():
     """(S4) is the sum of (S3), which is (S1) times one minus (S2)."""
     counts = np.arange(400.0)
-    joint = reference_sipm.fired_joint_probability_published(photons=counts, mean_photons=150.0, **CELLS)
+    joint = ref_sipm.fired_joint_probability_published(photons=counts, mean_photons=150.0, **CELLS)
     assert joint.sum() == pytest.approx(sipm.fired_share_published(photons=150.0, **CELLS), rel=1e-9)
 
 
@@ -281,9 +279,9 @@ def test_through_the_aperture():
     """(5) is (3) through (4), and (8) is (6) and (7) through (4), at any range and incidence."""
     for range_m, theta in ((3.0, 0.2), (300.0, 1.2)):
         spread = radiometry.aperture_solid_angle_sr(aperture_m2=A, range_m=range_m)
-        seen_area_m2 = reference_optics.field_of_view_area_m2(
+        seen_area_m2 = ref_optics.field_of_view_area_m2(
             range_m=range_m, detector_radius_m=RPD, focal_length_m=F, cos_incidence=cos(theta)
         )
-        flux = reference_optics.sun_flux_w(sun_irradiance_w_m2=ESUN, seen_area_m2=seen_area_m2, cos_sun=CS)
-        intensity = reference_optics.sun_intensity_w_sr(sun_flux_w=flux, reflectivity=RHO, cos_incidence=cos(theta))
+        flux = ref_optics.sun_flux_w(sun_irradiance_w_m2=ESUN, seen_area_m2=seen_area_m2, cos_sun=CS)
+        intensity = ref_optics.sun_intensity_w_sr(sun_flux_w=flux, reflectivity=RHO, cos_incidence=cos(theta))
         assert ETA_RS * TAU * intensity * spread == pytest.approx(P_RS, rel=1e-12)

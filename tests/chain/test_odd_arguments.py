@@ -141,7 +141,7 @@ def call_oddly(function: Callable[..., Any], good: dict[str, Any]) -> None:
 
 @pytest.mark.filterwarnings("ignore::lidarscene.errors.OptionWarning")
 @pytest.mark.usefixtures("mi")
-@pytest.mark.parametrize("name", chosen(8, list(FUNCTIONS)))
+@pytest.mark.parametrize("name", chosen(6, list(FUNCTIONS)))
 def test_functions(name: str) -> None:
     of_package = name in lidarscene._FUNCTIONS
     function = lidarscene._function_of_package(name) if of_package else getattr(lidarscene, name)

@@ -61,14 +61,17 @@ def test_labels_of_frames_and_of_deskewed_clouds(run: Run, wall: str, tmp_path: 
     stems = [f"frame_000{i}{kind}" for i in (0, 1) for kind in ("", ".deskewed")]
     expected = [stem + end for stem in stems for end in (".npz", ".boxes.json")]
     assert sorted(p.name for p in (tmp_path / "d").iterdir()) == sorted(expected)
+    ran = run("render", wall, "-o", "d", "--frames", "1", "--format", "npz", *COARSE)
+    assert (ran.code, ran.err.count("holds frame_0001.deskewed.npz of an earlier run")) == (0, 1), ran.err
 
 
 def test_data_sets(run: Run, wall: str, tmp_path: Path) -> None:
-    """The scene is a wall that is called a car, since walls have no boxes."""
+    """The scene is a wall that is called a car, since walls have no boxes; with the poses of all frames beside it."""
     (tmp_path / wall).write_text((tmp_path / wall).read_text() + 'class = "car"\n')
     for name, folder in (("kitti", "training"), ("semantickitti", "dataset/sequences/00")):
-        ran = run("render", wall, "-o", name, "--dataset", name, "--frames", "2", *COARSE)
+        ran = run("render", wall, "-o", name, "--dataset", name, "--frames", "2", "--poses", f"{name}.tum", *COARSE)
         assert ran.code == 0, ran.err
+        assert len((tmp_path / f"{name}.tum").read_text().splitlines()) == 2
         assert sorted(p.name for p in (tmp_path / name / folder / "velodyne").iterdir()) == ["000000.bin", "000001.bin"]
     assert len((tmp_path / "kitti/training/label_2/000001.txt").read_text().split()) == 15
     assert len((tmp_path / "semantickitti/dataset/poses/00.txt").read_text().splitlines()) == 2

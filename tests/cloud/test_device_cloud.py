@@ -7,6 +7,7 @@ import pytest
 from helpers import launches
 from helpers.clouds import assert_same
 from helpers.mistakes import told
+from helpers.traffic import traffic
 
 from lidarscene import load_scene, load_sensor, render, render_frames
 from lidarscene.cloud.device_cloud import DeviceCloud
@@ -22,6 +23,9 @@ pytestmark = pytest.mark.usefixtures("mi")
 
 ROWS = ["scanner.elevation_step_deg=0.35"]
 CHUNK = 10_000
+
+MOVING = traffic(), load_sensor("table1-apd", overrides=["scanner.elevation_step_deg=2.5"])
+"""Frames of 0.13 s of a scene in which all moves."""
 
 
 def simulator(scene: Scene | str = "car", **options: object) -> Simulator:
@@ -109,8 +113,7 @@ def test_every_way_to_render_leaves_columns_there() -> None:
 
 def test_frames_of_a_run_are_each_their_own() -> None:
     """Small frames may be traced together; each cloud has its own points, positions and times, and keeps no others."""
-    clouds = [*render_frames("drive", "vlp-16", frames=6, on_device=True)]
-    sim = Simulator("drive", "vlp-16")
+    clouds, sim = [*render_frames(*MOVING, frames=6, on_device=True)], Simulator(*MOVING)
     for number, cloud in enumerate(clouds):
         alone = sim.render(number=number)
         assert_same(cloud.numpy(), alone)
@@ -126,7 +129,7 @@ def test_columns_in_one_copy_are_those_of_the_device(monkeypatch: pytest.MonkeyP
     gate.retire(())
     others, near = pinned._Pinned.in_use, simulator(vectors=True)
     far = simulator(pose=Pose(position_m=np.array([4000.0, -3000.0, 2.0])))
-    expected = [near.render(seed=1), near.render(seed=2), far.render(), *render_frames("drive", "vlp-16", frames=4)]
+    expected = [near.render(seed=1), near.render(seed=2), far.render(), *render_frames(*MOVING, frames=4)]
     assert len(expected[0]) != len(expected[1])
     monkeypatch.setattr(device_columns, "is_cuda", lambda: True)
     clouds, runs = list[PointCloud](), []
@@ -135,7 +138,7 @@ def test_columns_in_one_copy_are_those_of_the_device(monkeypatch: pytest.MonkeyP
             clouds.append(near.render(seed=seed))
         runs.append(kernels)
     launches.assert_none_is_new(runs[1], runs[0])
-    clouds += [far.render(), *render_frames("drive", "vlp-16", frames=4)]
+    clouds += [far.render(), *render_frames(*MOVING, frames=4)]
     for cloud, reference in zip(clouds, expected, strict=True):
         assert_same(cloud, reference)
         assert all(getattr(cloud, name).flags.c_contiguous for name in ("xyz_m", "time_s", "status"))

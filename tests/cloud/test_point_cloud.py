@@ -4,7 +4,6 @@ import copy
 import json
 import os
 import pickle
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -273,9 +272,7 @@ def used_memory(size: int) -> Numbers:
 
 @pytest.mark.parametrize(("capacity", "memory"), [(0, None), (30, None), (30, used_memory), (10, used_memory)])
 @pytest.mark.parametrize("order", [(0.0, 0.0, 1.0, 1.0), (0.0, 1.0, 1.0), (1.0, 1.0, 1.0, None), (None, 1.0, 1.0)])
-def test_values_that_change_are_kept(
-    order: tuple[float | None, ...], capacity: int, memory: Callable[[int], Numbers] | None
-) -> None:
+def test_values_that_change_are_kept(order, capacity, memory):
     """Constant chunks of another value, and chunks of many values (None), wherever they come; in any memory."""
     parts = [small_columns(7, seed=3) if value is None else chunk_of(7, velocity=value) for value in order]
     builder = CloudBuilder(capacity=capacity, memory=memory)

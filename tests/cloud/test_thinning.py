@@ -19,9 +19,7 @@ SMALL = (480, 400)
 
 @pytest.mark.parametrize("cuts", [[0, N], [0, 1, 1, 400, N], list(range(0, N + 1, 10))], ids=len)
 @pytest.mark.parametrize(("most_points", "step"), [(N, 1), (N - 1, 3), (334, 3), (333, 9), (20, 81)])
-def test_every_kth_point_of_the_frame(
-    monkeypatch: pytest.MonkeyPatch, cuts: list[int], most_points: int, step: int
-) -> None:
+def test_every_kth_point_of_the_frame(monkeypatch, cuts, most_points, step):
     """Computed by hand: steps of 1, 3, 9, 27, 81 leave 1000, 334, 112, 38, 13 of a thousand points."""
     monkeypatch.setattr(thinning, "MOST_POINTS", most_points)
     cloud, thinned = small_cloud(N), Thinned()

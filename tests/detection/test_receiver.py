@@ -2,7 +2,6 @@
 
 import os
 from pathlib import Path
-from typing import Any
 
 import pytest
 from helpers.child import assert_ended
@@ -41,9 +40,7 @@ SIZES = [
 
 
 @pytest.mark.parametrize("cases", chosen(1, SIZES))
-def test_receivers_of_several_sizes_share_a_process(
-    cases: list[tuple[str, str, float]], mi: Any, run_python: Any, tmp_path: Path
-) -> None:
+def test_receivers_of_several_sizes_share_a_process(cases, mi, run_python, tmp_path):
     """Receivers run from the smallest memory to the largest, and back in a second process with the same kernels on the
     disk: the same bits, and both processes live. Kernels of a larger memory serve a smaller one well, so that the
     second process is the reference of the first.

@@ -64,9 +64,7 @@ def test_libusb_is_loaded_only_where_it_is_missing(monkeypatch: pytest.MonkeyPat
         (ImportError("numpy.core.multiarray failed to import"), "--force-reinstall"),
     ],
 )
-def test_shut_it_says_in_one_line_why_and_what_to_do(
-    monkeypatch: pytest.MonkeyPatch, error: Exception, named: str
-) -> None:
+def test_shut_it_says_in_one_line_why_and_what_to_do(monkeypatch, error, named):
     queue_imports(monkeypatch, error)
     monkeypatch.setattr(open3d_door, "_preload_libusb", lambda: False)
     with told(f"Open3D cannot be imported | {' '.join(str(error).split())} | {named}", LidarSceneError):

@@ -27,9 +27,7 @@ CUTS = ([0, 100], [0, 1, 1, 37, 100], [0, 0, 50, 100, 100], [0, 33, 66, 99, 100]
 @pytest.mark.parametrize("truth", chosen(1, [False, True]))
 @pytest.mark.parametrize("cuts", CUTS, ids=str)
 @pytest.mark.parametrize("name", STREAMED)
-def test_pieces_make_the_file_of_the_whole(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, cuts: list[int], truth: bool
-) -> None:
+def test_pieces_make_the_file_of_the_whole(tmp_path, monkeypatch, name, cuts, truth):
     """Row groups and blocks of 30 points, so that pieces are both smaller and larger than they are."""
     need(name)
     monkeypatch.setattr(parquet, "GROUP_POINTS", 30)
@@ -90,9 +88,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path: Path, name: str) -
 
 
 @pytest.mark.parametrize(("free", "message"), [(0, "No space left on device (read failed)"), (1 << 30, "read failed")])
-def test_a_library_in_trouble_on_a_full_disk(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free: int, message: str
-) -> None:
+def test_a_library_in_trouble_on_a_full_disk(tmp_path, monkeypatch, free, message):
     """It says in its own words that something failed: why is known by the room that there is."""
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=free))
     with pytest.raises(OutputError) as caught, library_errors(tmp_path / "a"):

@@ -325,9 +325,7 @@ WAYS = [(name, read) for name in FORMATS | BAGS for read in READERS[SAME.get(nam
 
 
 @pytest.mark.parametrize(("name", "read"), WAYS, ids=[f"{name}-{read.__name__}" for name, read in WAYS])
-def test_fields_have_their_values(
-    tmp_path: Path, library: Any, request: pytest.FixtureRequest, name: str, read: Callable[[Path, Any], Fields]
-) -> None:
+def test_fields_have_their_values(tmp_path, library, request, name, read):
     need(name)
     if "open3d" in read.__name__:
         module: ModuleType = request.getfixturevalue("open3d")  # through its door

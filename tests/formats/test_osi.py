@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.clouds import small_cloud
-from helpers.command_line import Run
 from helpers.formats import need, osi_messages, value_at
 from helpers.walls import rig_text
 from scipy.spatial.transform import Rotation
@@ -152,9 +151,7 @@ material = "concrete"
 
 
 @pytest.mark.parametrize(("speed", "name"), [(0, "a.osi"), (12, "a.deskewed.osi")])
-def test_two_sensors_meet_on_a_box(
-    mi: Any, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, library: Any, speed: int, name: str
-) -> None:
+def test_two_sensors_meet_on_a_box(mi, run, tmp_path, monkeypatch, library, speed, name):
     """Reference: betterosi, the box of the scene file, and OSI's rules of frames. Each sensor's echoes of the crate lie
     on its faces within 5 cm: the VLP-16 scatters by 1.6 cm, so 99 of 100 (three sigma). Deskewed clouds of a car that
     drives and turns do too, and the truth has the crate where it is.
@@ -225,9 +222,7 @@ def test_names_of_traces() -> None:
     assert name == "20210818T150542Z_sd_370_300_1523_high-way-v1-2.osi"
 
 
-def test_one_trace_for_a_drive(
-    mi: Any, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, library: Any
-) -> None:
+def test_one_trace_for_a_drive(mi, run, tmp_path, monkeypatch, library):
     """Each sensor of a rig has a trace, named as ASAM says, in the folder; another reader finds its parts."""
     library("betterosi")
     monkeypatch.chdir(tmp_path)

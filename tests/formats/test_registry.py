@@ -42,9 +42,7 @@ def test_round_trip(tmp_path: Path, name: str, options: dict[str, bool], n: int,
 
 
 @pytest.mark.parametrize(("name", "options"), [way for way in WAYS if FORMATS[way[0]].text])
-def test_blocks_do_not_show(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, options: dict[str, bool]
-) -> None:
+def test_blocks_do_not_show(tmp_path, monkeypatch, name, options):
     """Infinity of both signs, too, for which text has no word."""
     monkeypatch.setattr(f"lidarscene.formats.{name}.BLOCK_POINTS", 8)
     for n in (7, 8, 9, 24):
@@ -130,9 +128,7 @@ def test_only_text_formats_take_ascii(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", [name for name, format_of_file in FORMATS.items() if format_of_file.extra])
-def test_a_missing_package_is_told_with_what_to_type(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
-) -> None:
+def test_a_missing_package_is_told_with_what_to_type(tmp_path, monkeypatch, name):
     extra = FORMATS[name].extra
     for module in list(sys.modules):
         if module.partition(".")[0] in optional.EXTRAS[extra]:

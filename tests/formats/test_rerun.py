@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.in_this_process import Run
 from helpers.waiting import wait_until
 from helpers.walls import write_moving_rig
 
@@ -119,9 +118,7 @@ def test_sensors_of_a_rig_share_a_log(mi: Any, tmp_path: Path, monkeypatch: pyte
     assert forces[:, 2] == pytest.approx(9.81, abs=1.0)
 
 
-def test_the_points_of_merged_sensors_are_in_the_world(
-    mi: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_points_of_merged_sensors_are_in_the_world(mi, tmp_path, monkeypatch):
     """Reference: the merged cloud in a file of its own. They share no range image."""
     monkeypatch.chdir(tmp_path)
     scene = write_moving_rig(tmp_path)
@@ -155,9 +152,7 @@ def test_the_colours_of_classes_differ() -> None:
     assert min(apart) > 30
 
 
-def test_frames_go_to_a_viewer_as_they_come(
-    mi: Any, run: Run, wall: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_frames_go_to_a_viewer_as_they_come(mi, run, wall, tmp_path, monkeypatch):
     """Reference: Rerun's own server, which saves what it gets. Without one a line says how to start it."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))

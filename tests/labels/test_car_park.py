@@ -16,7 +16,7 @@ from lidarscene.scene.scene import Scene
 
 pytestmark = pytest.mark.usefixtures("mi")
 
-PLACES, ACROSS_M, ROW_M = 500, 3.6, 100.0
+PLACES, ACROSS_M, ROW_M = 300, 3.6, 100.0
 HEIGHT_M = 40.0
 RINGS = (0.0, *(round(float(-np.degrees(np.arctan2(HEIGHT_M, radius_m))), 3) for radius_m in np.arange(1.0, 75.0, 0.8)))
 COLUMNS = 1000
@@ -73,9 +73,7 @@ def from_above(folder: Path, scene: Scene) -> PointCloud:
     return Simulator(scene, load_sensor(folder / "mast.toml")).render(seed=1)
 
 
-def test_sizes_and_counts_of_all_objects_are_those_of_a_foreign_loader(
-    tmp_path: Path, library: Any, open3d: Any
-) -> None:
+def test_sizes_and_counts_of_all_objects_are_those_of_a_foreign_loader(tmp_path, library, open3d):
     """Open3D-ML reads type, size, place and direction; Open3D counts the points in its boxes.
 
     Sizes are those of vehicles.toml. Every box of ten points and more holds points of its class, half of them nine
@@ -91,7 +89,7 @@ def test_sizes_and_counts_of_all_objects_are_those_of_a_foreign_loader(
     split = loader.KITTI(str(tmp_path / "kitti"), cache_dir=str(tmp_path / "cache")).get_split("training")
     data = split.get_data(0)
     theirs = data["bounding_boxes"]
-    assert len(theirs) == len(found) >= 400
+    assert len(theirs) == len(found) >= 0.8 * PLACES
     # It has no trucks, and nothing that KITTI calls Misc.
     kinds = [kind_of(box.class_name).kitti for box in found]
     known = set(loader.KITTI.get_label_to_names().values())
@@ -112,7 +110,7 @@ def test_sizes_and_counts_of_all_objects_are_those_of_a_foreign_loader(
         off.append(abs(len(inside) - ours.points_inside))
         if len(inside) >= 10:
             own.append(np.mean(of_class[inside] == ours.class_name))
-    assert len(own) > 240
+    assert len(own) > 0.48 * PLACES
     assert min(own) > 0.0
     assert np.median(own) > 0.9
     assert sum(off) < 1e-3 * sum(box.points_inside for box in found)

@@ -482,9 +482,7 @@ OUT = (621 - 720 * 9.5 / 9.5, 621 - 720 * 7.5 / 10.5)
         ((2.0, -30.0), CAR, (0.0, 0.0, 0.0, 0.0), 1.0),
     ],
 )
-def test_rectangles_of_boxes(
-    place: tuple[float, float], size_m: tuple[float, ...], expected: tuple[float, ...], truncated: float | None
-) -> None:
+def test_rectangles_of_boxes(place, size_m, expected, truncated):
     """The picture ends 621 pixels to the left, with 720 pixels for each metre at 1 m; behind it nothing is seen."""
     from lidarscene.labels.files import _picture_box
 
@@ -514,9 +512,7 @@ def object_dataset(tmp_path: Path, street_cloud: PointCloud) -> Path:
     return tmp_path
 
 
-def test_open3d_ml_opens_a_kitti_dataset(
-    object_dataset: Path, library: Any, open3d: Any, street_cloud: PointCloud
-) -> None:
+def test_open3d_ml_opens_a_kitti_dataset(object_dataset, library, open3d, street_cloud):
     """Reference: the KITTI loader of Open3D-ML, as it is. Its boxes are ours, in the sensor's frame.
 
     Tolerance: four decimals in the label file, and float32 of its calibration.
@@ -602,9 +598,7 @@ def sequence(tmp_path: Path, street_cloud: PointCloud) -> Path:
 
 
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
-def test_open3d_ml_opens_a_semantic_kitti_sequence(
-    sequence: Path, library: Any, open3d: Any, street_cloud: PointCloud
-) -> None:
+def test_open3d_ml_opens_a_semantic_kitti_sequence(sequence, library, open3d, street_cloud):
     """Reference: the SemanticKITTI loader of Open3D-ML, as it is; it leaves a file of its own open."""
     module = library("open3d._ml3d.datasets.semantickitti")
     dataset = module.SemanticKITTI(
@@ -703,9 +697,7 @@ def test_boxes_are_where_the_cloud_shows_what_moves(motion_in: str) -> None:
 
 @pytest.mark.parametrize("format", LABELS)
 @pytest.mark.parametrize("moves", [True, False])
-def test_labels_do_not_show_how_the_frame_was_cut(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, format: str, moves: bool
-) -> None:
+def test_labels_do_not_show_how_the_frame_was_cut(tmp_path, monkeypatch, format, moves):
     """Pieces that end within blocks, against one piece and one block."""
     cloud, scene = render_driving(motion_in="in the points") if moves else (street.cloud(), street.scene())
     write_labels(cloud, scene, tmp_path / "whole.ply", format=format)
@@ -721,9 +713,7 @@ def test_labels_do_not_show_how_the_frame_was_cut(
 
 
 @pytest.mark.parametrize("in_memory", [0, 700, labels_boxes.PIECE_POINTS])
-def test_points_that_waited_are_counted_where_they_are(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_memory: int
-) -> None:
+def test_points_that_waited_are_counted_where_they_are(tmp_path, monkeypatch, in_memory):
     """Reference: the same boxes and half-spaces point by point, of a frame whose points wait since a car moves: all on
     disk, some, or none.
 

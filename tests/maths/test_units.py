@@ -2,7 +2,6 @@
 
 import inspect
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -70,12 +69,7 @@ class Row:
     all_s: tuple[float, ...]
 
     @classmethod
-    def create(
-        cls,
-        times_s: Annotated[Sequence[float], Quantity("ns", ge=1, least=2)],
-        more_s: Annotated[Sequence[float] | None, Quantity("us")] = None,
-        other: int = 0,
-    ) -> "Row":
+    def create(cls, times_s, more_s=None, other=0):
         """Create them from lists."""
         return cls((*times_s, *(more_s or ())))
 

@@ -2,7 +2,6 @@
 
 import re
 import warnings
-from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
@@ -40,9 +39,7 @@ BEAMS = 20001 * 10001
         (["-o", "new/o.npz"], 1, None),
     ],
 )
-def test_it_is_said_before_anything_is_traced(
-    run: Run, wall: str, mi: Any, monkeypatch: pytest.MonkeyPatch, options: list[str], disk: int, memory: float | None
-) -> None:
+def test_it_is_said_before_anything_is_traced(run, wall, mi, monkeypatch, options, disk, memory):
     """Computed by hand: 200 million beams of one stop at 117 bytes, in 40 s. A run that is refused says nothing."""
     monkeypatch.setattr("lidarscene.outputs.record.FrameFiles.write", lambda *_: None)
     ran = run("render", wall, "--sensor=table1-apd", *options, *FINE)
@@ -104,7 +101,7 @@ def test_a_bar_on_a_terminal_alone(monkeypatch: pytest.MonkeyPatch, capsys: pyte
     steps: list[Any] = []
 
     @contextmanager
-    def bar(label: str, total: int) -> Iterator[Any]:
+    def bar(label, total):
         steps.append((label, total))
         yield lambda finished, _: steps.append(finished)
         steps.append("gone")
@@ -125,10 +122,8 @@ def test_a_bar_on_a_terminal_alone(monkeypatch: pytest.MonkeyPatch, capsys: pyte
     assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize("command", chosen(2, ["compare", "fov", "paper", "render"]))
-def test_long_commands_tell_how_far_they_are(
-    command: str, run: Run, wall: str, mi: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+@pytest.mark.parametrize("command", chosen(1, ["compare", "fov", "paper", "render"]))
+def test_long_commands_tell_how_far_they_are(command, run, wall, mi, monkeypatch, tmp_path):
     """A bar shows it from the first step to the last, on a terminal."""
     draw_nothing(monkeypatch)
     if command == "paper":
@@ -136,7 +131,7 @@ def test_long_commands_tell_how_far_they_are(
     reports: list[tuple[int, int]] = []
 
     @contextmanager
-    def bar(label: str, total: int) -> Iterator[Any]:
+    def bar(label, total):
         yield lambda steps_done, _: reports.append((steps_done, total))
 
     monkeypatch.setattr(terminal, "_bar", bar)
@@ -162,9 +157,7 @@ def test_a_short_run_has_no_lines(run: Run, wall: str, mi: Any) -> None:
     assert (ran.code, ran.err) == (0, "")
 
 
-def size_warning(
-    *, frames: int | None = None, pulses: int = 10**8, stops: int = 1, rays: int = 1, **outputs: Any
-) -> str:
+def size_warning(*, frames=None, pulses=10**8, stops=1, rays=1, **outputs):
     """The note about a sensor of so many pulses and one of a quarter of them; "" if there is none."""
     sensor = SimpleNamespace(scanner=SimpleNamespace(pulses=pulses), tdc=SimpleNamespace(stops=stops))
     small = SimpleNamespace(scanner=SimpleNamespace(pulses=pulses // 4), tdc=SimpleNamespace(stops=stops))

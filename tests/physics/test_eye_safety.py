@@ -85,9 +85,7 @@ def test_short_pulses(nm: float, duration_s: float, limit_j: float) -> None:
         (2000, 100.0, 1e3 * 100, CW_M2),
     ],
 )
-def test_limit_is_exposure_limit_times_aperture(
-    nm: float, duration_s: float, exposure_j_m2: float, area_m2: float
-) -> None:
+def test_limit_is_exposure_limit_times_aperture(nm, duration_s, exposure_j_m2, area_m2):
     """Reference: ICNIRP; the AEL tables round to two digits, so 4 %."""
     assert energy(nm, duration_s) == pytest.approx(exposure_j_m2 * area_m2, rel=0.04)
 

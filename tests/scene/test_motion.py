@@ -161,9 +161,7 @@ ENDS = BOX + "[bodies.motion]\nposes = [{ time_s = 1 }, { time_s = 3, position_m
         ("repeat", [15.0, 10.0, 0.0], [True, True, True]),
     ],
 )
-def test_at_its_end_it_holds_hides_leaves_or_repeats(
-    tmp_path: Path, at_end: str, places_m: list[float], is_there: list[bool]
-) -> None:
+def test_at_its_end_it_holds_hides_leaves_or_repeats(tmp_path, at_end, places_m, is_there):
     """States at 0.5, 2 and 5 s, of a motion from 1 to 3 s at 10 m/s."""
     (body,) = scene_of(tmp_path, ENDS + f'at_end = "{at_end}"\n').bodies
     assert body.motion is not None

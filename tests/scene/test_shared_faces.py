@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.command_line import Run
 
 from lidarscene.maths.pose import Pose
 from lidarscene.scene.meshes.primitives import box_mesh, plane_mesh
@@ -90,9 +89,7 @@ instances = [{ position_m = [12, 2, 0] }, { position_m = [12, -2, 0] }]
 """
 
 
-def test_check_tells_of_each_pair_and_render_of_the_first(
-    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_check_tells_of_each_pair_and_render_of_the_first(run, tmp_path, monkeypatch):
     """Notes, no mistakes: the scene can be rendered."""
     monkeypatch.chdir(tmp_path)
     Path("yard.toml").write_text(YARD)

@@ -445,7 +445,7 @@ def test_an_e1_reads_rows_from_the_bottom() -> None:
     assert scanner.time_s(middle + np.uint32(scanner.pulses))[0] == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize("name", chosen(10, SENSORS))
+@pytest.mark.parametrize("name", chosen(7, SENSORS))
 def test_a_frame_of_each(mi: Any, name: str) -> None:
     """A few hundred pulses into a white ball are echoes, at its radius; of a Sony array it fires every SPAD in each
     shot, on the leading edge (docs/photon_counting.md).
@@ -463,7 +463,7 @@ def test_a_frame_of_each(mi: Any, name: str) -> None:
 
 
 @pytest.mark.parametrize("klux", [0.0, 100.0])
-@pytest.mark.parametrize("name", catalog.names("sensors"))
+@pytest.mark.parametrize("name", chosen(18, catalog.names("sensors")))
 def test_an_echo_that_fades_is_found_as_often_as_noise(name: str, klux: float) -> None:
     """P_d never falls with the power, and starts from P_f. Of a comparator to 1 %; McIntyre's tail is no matter of (8),
     which is Gaussian. Of counted photons P_f is that of the bins that are searched, and holds to a factor of 10: (T98)

@@ -91,9 +91,7 @@ def test_a_saved_page_needs_nothing_else(browser: Chromium, saved_page: Path) ->
     assert messages == [f"request {saved_page.as_uri()}"[:88]]
 
 
-def test_points_stand_where_they_should_in_their_colours(
-    browser: Chromium, saved_page: Path, scene_file: Path, cloud: PointCloud, tmp_path: Path
-) -> None:
+def test_points_stand_where_they_should_in_their_colours(browser, saved_page, scene_file, cloud, tmp_path):
     """Rationale: the page's projection against that of `pixels`, and the colour under each point against
     matplotlib's map. Tolerances: a hundredth of a pixel, float32; 6 of 255: 17 stops miss the map by 5 at most.
     """

@@ -57,9 +57,7 @@ def test_mistakes_are_one_line(scene: Any, settings: dict[str, Any], named: str)
         conditions(scene, FrameOptions(), settings)
 
 
-def test_the_command_renders_what_is_shown(
-    mi: Any, scene_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_command_renders_what_is_shown(mi, scene_file, tmp_path, monkeypatch):
     """Rationale: copied, run and read again, it gives the points of the page."""
     monkeypatch.chdir(tmp_path)
     live = Live(load_scene(scene_file), overrides=COARSE, scene_argument=str(scene_file))

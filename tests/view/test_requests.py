@@ -114,9 +114,7 @@ def test_posts_of_other_origins_are_refused(server: Server, origin: str) -> None
         (b"", None, 400),
     ],
 )
-def test_malformed_bodies(
-    server: Server, body: bytes, length: str | None, expected: int, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_malformed_bodies(server, body, length, expected, capsys):
     answer = post(server, body, length=length)
     assert status(answer) == expected
     assert server.source.requests == 0

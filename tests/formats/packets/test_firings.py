@@ -41,9 +41,7 @@ def test_pieces_make_the_frame(name: str) -> None:
         ((20.0, 10.0, 5.0), [20.0, 10.0], [11.0, 12.0]),
     ],
 )
-def test_of_three_returns_the_two_strongest_stay(
-    signals: tuple[float, ...], kept_signals: list[float], ranges_m: list[float]
-) -> None:
+def test_of_three_returns_the_two_strongest_stay(signals, kept_signals, ranges_m):
     sensor = load_sensor("vlp-16")
     columns = [
         points(sensor, np.array([5]), np.array([10.0 + number]), 0, return_number=number) for number in (1, 2, 3)

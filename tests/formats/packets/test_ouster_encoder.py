@@ -76,9 +76,7 @@ def test_every_pixel_comes_back(library: Callable[[str], Any], tmp_path: Path, n
     [(name, names_of_profile[1]) for name, names_of_profile in PROFILES.items()],
     ids=list(PROFILES),
 )
-def test_profiles_have_what_they_name(
-    library: Callable[[str], Any], tmp_path: Path, profile: str, sdk_name: str
-) -> None:
+def test_profiles_have_what_they_name(library, tmp_path, profile, sdk_name):
     """Two returns, the strongest first; the low rate has steps of 8 mm and 16 counts, the old one a single return."""
     sensor = load_sensor("os1-128", overrides=(*NARROW, "histogram.stops=2"))
     assert sensor.tdc.stops == 2
@@ -124,9 +122,7 @@ def test_what_no_ouster_does_is_told(library: Callable[[str], Any], change: str,
 @pytest.mark.parametrize(
     ("profile", "farthest_m", "brightest"), [("default", 524.287, 65_535), ("low-rate", 262.136, 4080)]
 )
-def test_what_no_field_can_say(
-    library: Callable[[str], Any], tmp_path: Path, profile: str, farthest_m: float, brightest: int
-) -> None:
+def test_what_no_field_can_say(library, tmp_path, profile, farthest_m, brightest):
     """A range beyond the last of its bits is lost and comes not back as a near one; counts end at their largest.
 
     19 bits of a millimetre, 15 of 8 mm; 16 bits of a count, 8 of 16 counts.

@@ -49,9 +49,7 @@ def test_sensors_without_packets(given: str, named: str) -> None:
 
 
 @pytest.mark.parametrize(("later_us", "slower", "is_one"), [(4.0, 1.0, True), (0.0, 0.97, False)])
-def test_a_pandar64_is_known_by_the_time_from_its_first_laser_to_its_last(
-    later_us: float, slower: float, is_one: bool
-) -> None:
+def test_a_pandar64_is_known_by_the_time_from_its_first_laser_to_its_last(later_us, slower, is_one):
     """The time is 51.05 us, whenever in the cycle the first of them fires; lasers that take 1.5 us less are others."""
     scanner = load_sensor("pandar64").scanner
     times_us = slower * 1e6 * scanner.firing_s[np.argsort(scanner.lasers_by_place.values)] + later_us

@@ -125,9 +125,7 @@ def test_users_library_comes_first(places, library, monkeypatch: pytest.MonkeyPa
 @pytest.mark.parametrize(
     ("name", "complaint"), [("libLLVM-14.so.1", "too old"), ("libLLVM-16.so.1", "too old"), (None, "no such file")]
 )
-def test_users_bad_library_is_an_error_with_the_fix(
-    name: str | None, complaint: str, places, library, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_users_bad_library_is_an_error_with_the_fix(name, complaint, places, library, tmp_path, monkeypatch):
     path = library(name) if name else str(tmp_path / "missing" / "libLLVM.so")
     monkeypatch.setenv(llvm.PATH_VARIABLE, path)
     with pytest.raises(BackendError) as error:
@@ -222,9 +220,7 @@ def environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, places) -> Path
         (["libLLVM.so.9.0", "libLLVM.so.19.1", "libLLVM-15.so.1"], "libLLVM.so.19.1"),
     ],
 )
-def test_the_environments_newest_library_is_written_at_import(
-    names: list[str], written: str | None, environment: Path, library
-) -> None:
+def test_the_environments_newest_library_is_written_at_import(names, written, environment, library):
     """Rationale: the name tells the version, and no process is asked for it."""
     for name in names:
         library(f"lib/{name}")

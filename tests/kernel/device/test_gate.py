@@ -39,7 +39,7 @@ COARSE = ("scanner.azimuth_step_deg=4", "scanner.elevation_step_deg=4")
 THREADS = f"""
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from lidarscene import Simulator, render
+from lidarscene import Simulator, load_sensor, render
 
 CLOUDS = [("range", "table1-apd", {COARSE}), ("range", "table1-sipm", {COARSE}), ("retro", "table1-apd", {COARSE})]
 
@@ -57,7 +57,8 @@ for _ in range(2):
     with ThreadPoolExecutor(4) as pool:
         clouds = list(pool.map(frame, range(12)))
     assert clouds == [frame(number) for number in range(12)]
-    simulators = [Simulator("range", "table1-apd"), Simulator("retro", "table1-sipm")]
+    coarse = [load_sensor(name, overrides={COARSE}) for name in ("table1-apd", "table1-sipm")]
+    simulators = [*map(Simulator, ("range", "retro"), coarse)]
 """
 
 

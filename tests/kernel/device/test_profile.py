@@ -48,9 +48,7 @@ def test_peak_memory_is_that_of_the_largest_moment(run_python: Any) -> None:
     assert 512 * 2**20 <= after - before + 50e6 < 512 * 2**20 + 100e6
 
 
-def test_render_prints_it(
-    mi: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_render_prints_it(mi, tmp_path, monkeypatch, capsys):
     """Later frames of the same process launch kernels, and need none that is new.
 
     A sequence has kernels of its own, since its frames go together: they are built once before. The text of a kernel
@@ -78,9 +76,7 @@ def test_render_prints_it(
     assert text.count("%") == 6  # load, build, record, trace, collect, write: nothing is assembled
 
 
-def test_texts_of_kernels_do_not_gather(
-    mi: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_texts_of_kernels_do_not_gather(mi, tmp_path, monkeypatch, capsys):
     """A frame of very many chunks would hold gigabytes of them: 41 chunks of 48 pulses, counted in three pieces."""
     monkeypatch.chdir(tmp_path)
     Path("wall.toml").write_text(WALL)

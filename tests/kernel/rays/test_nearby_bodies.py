@@ -201,23 +201,23 @@ def test_worlds_of_other_simulators_compile_nothing() -> None:
         others.clear()
 
 
-def test_no_kernel_of_a_card_is_long(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_kernel_of_a_card_is_long() -> None:
     """A card compiles 23,566 operations in 52 s: there each path and its end are kernels, with the same cloud."""
     sensor = chain.sensor("table1-apd", *SENSOR)
     whole = Simulator(load_scene("drive"), sensor).render(seed=1)
-    monkeypatch.setattr(transfer, "is_cuda", lambda: True)
-    with launches.launched() as kernels:
+    with pytest.MonkeyPatch.context() as patch, launches.launched() as kernels:
+        patch.setattr(transfer, "is_cuda", lambda: True)
         split = Simulator(load_scene("drive"), sensor).render(seed=1)
     assert 1000 < max(kernel["operation_count"] for kernel in kernels) < 10_000
     np.testing.assert_array_equal(split.xyz_m, whole.xyz_m)
     np.testing.assert_array_equal(split.intensity, whole.intensity)
 
 
-def test_one_kernel_asks_all_scenes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_kernel_asks_all_scenes() -> None:
     """Scenes that do not share a pipeline need kernels of their own on a GPU, where `emulated_gpu` runs this, too."""
-    monkeypatch.setattr(transfer, "split_kernel", lambda *values: None)
     simulator = Simulator(load_scene("drive"), chain.sensor("table1-apd", *SENSOR))
-    with launches.launched() as kernels:
+    with pytest.MonkeyPatch.context() as patch, launches.launched() as kernels:
+        patch.setattr(transfer, "split_kernel", lambda *values: None)
         cloud = simulator.render(seed=1)
     assert simulator.world.speculars is not None
     assert simulator.world.speculars.lets_through

@@ -75,7 +75,6 @@ def test_coated_reflectance(mi, reflectivity, roughness):
 
 
 def test_a_coat_that_cannot_let_so_much_out_is_an_error(mi):
-
     values = {"name": "m", "bsdf": "coated", "coat_ior": 1.5, "coat_roughness": 0.5, "reflectivity": 0.85}
     with told("'m' | reflectivity | <= 0.512 | coat | 0.85"):
         bsdfs.bsdf_dict(values)
@@ -199,7 +198,6 @@ def test_number_plate_outshines_paint(mi):
 
 
 def test_material_outside_its_table_is_a_clear_error():
-
     material = Material(
         name="m", bsdf="diffuse", reflectivity=Spectrum(wavelength_m=(850e-9, 1550e-9), value=(0.1, 0.3))
     )

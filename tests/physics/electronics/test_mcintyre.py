@@ -289,9 +289,7 @@ def test_slope_of_crossings_on_the_device(mi):
     ("primaries", "amplifier", "level", "slack", "samples"),
     [(24.0, 300.0, 3.0, 0.25, 2**19), (24.0, 1000.0, 2.5, 0.1, 2**19), (100.0, 300.0, 2.5, 0.1, 2**18)],
 )
-def test_crossings_of_multiplied_shot_noise(
-    primaries: float, amplifier: float, level: float, slack: float, samples: int
-) -> None:
+def test_crossings_of_multiplied_shot_noise(primaries, amplifier, level, slack, samples):
     """Electrons at random times through McIntyre's avalanche and an ideal low-pass, counted sample by sample.
 
     (T28b) takes slopes as independent of heights and heights as those of a box of 1 / (2 B): up to 25 % low with 24

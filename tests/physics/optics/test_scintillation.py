@@ -41,9 +41,7 @@ RADIUS = np.hypot(*np.meshgrid(*2 * [np.fft.fftfreq(POINTS, 1 / POINTS)], indexi
 """Distance of each point of that grid from its first, in pitches."""
 
 
-def simulated_variance(
-    rng: np.random.Generator, lens_m: float, *, slope: float = 0.0, linewidth_m: float = 0.0, patterns: int = 32
-) -> float:
+def simulated_variance(rng, lens_m, *, slope=0.0, linewidth_m=0.0, patterns=32):
     """Relative variance of the power in round lenses all over the patterns of some surfaces."""
     lens = np.fft.fft2(lens_m >= LENS_PITCH_M * RADIUS)
     ratios = []

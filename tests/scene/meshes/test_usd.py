@@ -203,9 +203,7 @@ def test_a_point_instancer_puts_its_prototypes_at_its_points(stage: Any, specifi
         ("Capsule", {"Height": 4.0, "Radius": 1.0, "Axis": "Z"}, (-1, -1, -3), (1, 1, 3)),
     ],
 )
-def test_solids_have_the_size_that_usd_gives_them(
-    stage: Any, kind: str, numbers: dict[str, Any], low: tuple[int, ...], high: tuple[int, ...]
-) -> None:
+def test_solids_have_the_size_that_usd_gives_them(stage, kind, numbers, low, high):
     """Compared with USD's own bounding boxes; round ones are polygons, within 0.2 % of the radius."""
     from pxr import Usd, UsdGeom
 

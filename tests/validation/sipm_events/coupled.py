@@ -65,9 +65,7 @@ class _State:
         self.due_cell[shot, slot] = cell
 
 
-def fire_coupled(
-    array: CellArray, rates: Rates, shots: int, random: np.random.Generator
-) -> tuple[Numbers, Numbers, Numbers]:
+def fire_coupled(array, rates, shots, random):
     """Shot, time and gain of every avalanche, with crosstalk and afterpulses."""
     state = _State(array, rates, shots, random)
     firings = random.standard_exponential(shots) / array.cells  # of one cell; the array has as many times more

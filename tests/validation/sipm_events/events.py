@@ -13,14 +13,13 @@ coupled       everything. All shots advance together, one avalanche after the ot
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from lidarscene.maths.arrays import Numbers
 
-from .cells import CellArray, Light, Rates, recovered_share
+from .cells import Rates, recovered_share
 from .coupled import fire_coupled
 
 _EVENTS_AT_A_TIME = 2e6
@@ -41,9 +40,7 @@ class Avalanches:
     gain: Numbers
 
 
-def simulate(
-    array: CellArray, light: Light, *, start_s: float, end_s: float, shots: int, seed: int
-) -> Iterator[tuple[int, Avalanches]]:
+def simulate(array, light, *, start_s, end_s, shots, seed):
     """Avalanches in a window, some shots at a time: yields (number of shots, their avalanches).
 
     Includes avalanches of cells that are busy at the window's start, with earlier times. Equal seeds give equal
@@ -60,9 +57,7 @@ def simulate(
         yield count, Avalanches(shot=shot, time_s=time_s, gain=gain)
 
 
-def fire_independent(
-    array: CellArray, rates: Rates, shots: int, random: np.random.Generator
-) -> tuple[Numbers, Numbers, Numbers]:
+def fire_independent(array, rates, shots, random):
     """Shot, time and gain of every avalanche of independent cells.
 
     The start is stationary: busy with probability x / (1 + x), and for a rest of the dead time that is uniform in (0,

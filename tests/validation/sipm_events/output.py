@@ -15,9 +15,7 @@ from .cells import CellArray
 from .events import Avalanches
 
 
-def waveforms(
-    array: CellArray, avalanches: Avalanches, *, shots: int, start_s: float, step_s: float, samples: int
-) -> Numbers:
+def waveforms(array, avalanches, *, shots, start_s, step_s, samples):
     """(shots, samples) output in units of one recovered cell, exact at each sample.
 
     For a box shape the step must be the dead time over a whole number.
@@ -53,9 +51,7 @@ def _box(array: CellArray, avalanches: Avalanches, shots: int, start_s: float, s
     return np.asarray(running[:, length:] - running[:, :-length])
 
 
-def _exponential(
-    avalanches: Avalanches, shots: int, start_s: float, step_s: float, samples: int, fall_s: float
-) -> Numbers:
+def _exponential(avalanches, shots, start_s, step_s, samples, fall_s):
     """Sum of gain exp(-age / fall), carried from sample to sample."""
     since = (avalanches.time_s - start_s) / step_s
     first = np.maximum(np.ceil(since), 0.0)

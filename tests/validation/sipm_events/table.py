@@ -47,16 +47,7 @@ class ResponseTable:
         return np.asarray((self.mean - self.before[:, None]) / self.noise[:, None])
 
 
-def response_by_events(
-    array: CellArray,
-    *,
-    background_photons: Sequence[float],
-    signal_photons: Sequence[float],
-    pulse_fwhm_s: float,
-    shots: int = 2000,
-    seed: int = 0,
-    steps: int = 16,
-) -> ResponseTable:
+def response_by_events(array, *, background_photons, signal_photons, pulse_fwhm_s, shots=2000, seed=0, steps=16):
     """The table by event simulation, for any cells. Each point has its own shots, all from one seed."""
     shape = (len(background_photons), len(signal_photons))
     columns = np.zeros((6, *shape))
@@ -87,14 +78,7 @@ def response_by_events(
     )
 
 
-def response_by_equation(
-    array: CellArray,
-    *,
-    background_photons: Sequence[float],
-    signal_photons: Sequence[float],
-    pulse_fwhm_s: float,
-    steps: int | None = None,
-) -> ResponseTable:
+def response_by_equation(array, *, background_photons, signal_photons, pulse_fwhm_s, steps=None):
     """The table from the equation of the busy share, without chance: box shape, cells without memory."""
     if array.shape != "box" or array.warm_up_s > 0.0 or array.crosstalk > 0.0:
         raise ValueError("only cells of box shape without recovery, crosstalk and afterpulses have an equation")

@@ -6,7 +6,6 @@ What a laboratory would measure, and what `sensor.detectors.WorkingPoint` predic
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +13,6 @@ import numpy as np
 from lidarscene.maths.arrays import Numbers
 from lidarscene.physics.electronics.sipm_response import LATEST_PEAK
 
-from .cells import CellArray, Light
 from .events import simulate
 from .output import waveforms
 
@@ -73,9 +71,7 @@ class Measured:
     crossing_deviation_s: float
 
 
-def outputs(
-    array: CellArray, light: Light, *, start_s: float, end_s: float, shots: int, seed: int, steps: int = 16
-) -> Iterator[tuple[Numbers, Numbers]]:
+def outputs(array, light, *, start_s, end_s, shots, seed, steps=16):
     """(samples,) times and (shots, samples) outputs in single precision, some shots at a time.
 
     Args:
@@ -90,17 +86,13 @@ def outputs(
         yield time_s, wave.astype(np.float32)
 
 
-def all_outputs(
-    array: CellArray, light: Light, *, start_s: float, end_s: float, shots: int, seed: int, steps: int = 16
-) -> tuple[Numbers, Numbers]:
+def all_outputs(array, light, *, start_s, end_s, shots, seed, steps=16):
     """`outputs` of all shots in one array."""
     runs = list(outputs(array, light, start_s=start_s, end_s=end_s, shots=shots, seed=seed, steps=steps))
     return runs[0][0], np.concatenate([wave for _, wave in runs])
 
 
-def pulse_outputs(
-    array: CellArray, light: Light, *, shots: int, seed: int, steps: int = 16, until_revival: bool = False
-) -> tuple[Numbers, Numbers]:
+def pulse_outputs(array, light, *, shots, seed, steps=16, until_revival=False):
     """Times and outputs from 2 FWHM before the light's peak until the output's mean has peaked.
 
     Args:
@@ -133,16 +125,7 @@ def moments(time_s: Numbers, wave: Numbers) -> Moments:
     return Moments(time_s=time_s, mean=centre, variance=variance, skewness=skewness)
 
 
-def measure(
-    array: CellArray,
-    light: Light,
-    *,
-    threshold_to_noise: float = 5.0,
-    threshold: float | None = None,
-    shots: int = 100_000,
-    seed: int = 0,
-    steps: int = 16,
-) -> Measured:
+def measure(array, light, *, threshold_to_noise=5.0, threshold=None, shots=100000, seed=0, steps=16):
     """The working point of these cells under this light.
 
     Args:
