@@ -2,6 +2,7 @@
 
 import os
 import re
+import runpy
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -205,6 +206,22 @@ def test_a_detector_learns_from_generated_frames(tmp_path: Path) -> None:
     assert [row[1] for row in rows_of] == ["held-out towns", "KITTI", "Argoverse 2"] * 3
     assert all(float(row[2].split()[0]) > 0.5 for row in rows_of if row[1] == "held-out towns"), process.stdout
     assert all(kitti[2:] == av2[2:] for kitti, av2 in zip(rows_of[1::3], rows_of[2::3], strict=True))
+
+
+def test_range_images_beside_those_of_kitti_have_points_in_their_pixels() -> None:
+    """By hand: 5 and 20 m ahead in the lowest row, where the nearer hides the farther, and 10 m to the left."""
+    tool = runpy.run_path(str(ROOT / "benchmarks" / "beside_kitti.py"))
+    low, aside = np.radians([-24.33, 30.0])
+    ahead = np.array([np.cos(low), 0.0, np.sin(low)])
+    left = np.array([np.cos(low) * np.cos(aside), np.cos(low) * np.sin(aside), np.sin(low)])
+    range_image, intensity = tool["strips_of"](np.c_[[5.0 * ahead, 20.0 * ahead, 10.0 * left], [0.2, 0.9, 0.4]])
+    assert range_image.shape == intensity.shape == (3 * 64 + 6, round(2 * tool["HALF_DEG"] / tool["COLUMN_DEG"]))
+    near, far = np.log(tool["RANGES_M"])
+    for degrees, range_m in ((0.0, 5.0), (30.0, 10.0)):
+        column = round((tool["HALF_DEG"] - degrees) / tool["COLUMN_DEG"])
+        grey = 20 + 235 * (np.log(range_m) - near) / (far - near)
+        assert abs(int(range_image[3 * 63, column - 1 : column + 1].max()) - grey) < 1.5
+    assert not range_image[: 3 * 63].any()
 
 
 def test_a_recording_and_its_simulation_are_told_apart() -> None:

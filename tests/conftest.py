@@ -58,7 +58,6 @@ settings.load_profile("lidarscene")
 TESTS = Path(__file__).parent
 LONGEST = (
     "docs/test_commands.py",
-    "docs/test_study_commands.py",
     "chain/test_rain_and_snow.py",
     "cli/test_main.py",
     "view/test_html_page.py",

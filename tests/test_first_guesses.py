@@ -288,6 +288,13 @@ def test_a_reflectivity_makes_a_material() -> None:
     )
     with pytest.raises(lidarscene.InputError, match="the scene has another of this name"):
         scene.add(NAMES["mesh"], Material(name="reflectivity 0.2", reflectivity=0.3))
+    box = trimesh.creation.box()
+    two = trimesh.Scene([box, box])
+    choices = {
+        name: Material(name="paint", reflectivity=value) for name, value in zip(two.geometry, (0.1, 0.8), strict=True)
+    }
+    with pytest.raises(lidarscene.InputError, match="the scene has another of this name"):
+        lidarscene.load_scene(two, materials=choices)
     brick, mine = Material("brick"), Material(reflectivity=Material("brick").reflectivity)
     assert mine.at(905e-9)["reflectivity"] == brick.at(905e-9)["reflectivity"]
     assert mine.at(1550e-9)["reflectivity"] == brick.at(1550e-9)["reflectivity"] != brick.at(905e-9)["reflectivity"]

@@ -17,6 +17,7 @@ from typing import Any
 
 import pytest
 from helpers.mistakes import told
+from helpers.run_seed import chosen
 from helpers.small_job import STOP
 from helpers.waiting import PATIENCE_S, wait_until
 
@@ -120,11 +121,13 @@ def scheduler_with_worker(_scheduler_factory: Callable[[], Scheduler]) -> Schedu
 
 @pytest.mark.parametrize(
     ("module", "text", "message"),
-    [
-        ("lidarscene.py", WITHOUT, "the worker said ModuleNotFoundError: No module named 'lidarscene'"),
-        ("sitecustomize.py", OLDER, "gave this frame out, the worker has 0.0.9"),
-    ],
-    ids=["without", "older"],
+    chosen(
+        1,
+        [
+            ("lidarscene.py", WITHOUT, "the worker said ModuleNotFoundError: No module named 'lidarscene'"),
+            ("sitecustomize.py", OLDER, "gave this frame out, the worker has 0.0.9"),
+        ],
+    ),
 )
 def test_workers_that_do_not_fit(
     idle_scheduler: Scheduler, job_file: Path, tmp_path: Path, capsys: Printed, module: str, text: str, message: str
@@ -279,3 +282,5 @@ def test_a_wrong_address(
     assert message.startswith(f"lidarscene: error: no Dask scheduler answers at {address}: ")
     assert message.endswith(reasons)
     assert message.count("\n") == 1
+    assert main.main(["batch", str(job_file), "-o", str(tmp_path / "out"), "--scheduler", "nonsense"]) == 1
+    assert "no Dask scheduler answers at nonsense: missing port" in capsys.readouterr().err

@@ -26,6 +26,7 @@ from lidarscene.batch import dispatch, work
 from lidarscene.batch.dispatch import Progress, run_job
 from lidarscene.batch.store import Store
 from lidarscene.batch.tasks import FrameTask, Job
+from lidarscene.kernel.device import gpus
 
 ROOT = Path(__file__).parents[2]
 
@@ -51,6 +52,11 @@ def times(folder: Path) -> dict[str, int]:
 def all_done(job: Job, folder: Path) -> bool:
     store = Store(folder)
     return all(store.row(task.key) is not None for task in job.tasks())
+
+
+def test_each_local_worker_sees_one_gpu(client: Any) -> None:
+    client.wait_for_workers(2, timeout=PATIENCE_S)
+    assert sorted(client.run(os.getenv, gpus.VISIBLE).values()) == ["GPU-first", "GPU-second"]
 
 
 INTRUDER = """

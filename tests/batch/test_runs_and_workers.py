@@ -1,7 +1,6 @@
 """Runs that share a folder, and workers that are gone: nothing is waited for without end. Most are threads here."""
 
 import contextlib
-import os
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +11,6 @@ from lidarscene.batch import cluster, dispatch, work
 from lidarscene.batch.dispatch import Progress, run_job
 from lidarscene.batch.tasks import FrameTask, Job
 from lidarscene.errors import LidarSceneError
-from lidarscene.kernel.device import gpus
-from lidarscene.kernel.device.backend import VARIANT_VARIABLE
 
 
 def test_two_runs_share_a_folder(threads: Any, job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -91,13 +88,3 @@ def test_a_pool_that_cannot_start_is_one_line(monkeypatch: pytest.MonkeyPatch) -
     with told("2 worker processes | Nanny failed to start", LidarSceneError), cluster.local_client(2):
         pass
     assert len(attempts) == cluster.STARTS
-
-
-def test_each_local_worker_sees_one_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two cards that are not there."""
-    pytest.importorskip("distributed")
-    monkeypatch.delenv(VARIANT_VARIABLE, raising=False)
-    monkeypatch.setenv(gpus.VISIBLE, "GPU-first,GPU-second")
-    with cluster.local_client(2) as client:
-        seen = client.run(os.getenv, gpus.VISIBLE)
-    assert sorted(seen.values()) == ["GPU-first", "GPU-second"]

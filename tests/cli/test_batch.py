@@ -104,31 +104,6 @@ def _read(terminal: int) -> bytes:
     return b""
 
 
-@pytest.mark.parametrize(
-    ("argv", "message"),
-    [
-        (["none.toml", "-o", "out"], "no such file"),
-        (["job.toml"], "the following arguments are required: -o/--output"),
-        (["job.toml", "-o", "wall.toml"], "--output wall.toml: must be a folder, got a file"),
-        (["job.toml", "-o", "out", "--workers", "0"], "must be a whole number from 1 to 1024, got 0"),
-        (["job.toml", "-o", "out", "--workers", "1", "--scheduler", "a:1"], "must be only one of them, got both"),
-        (["job.toml", "-o", "out", "--scheduler", "nonsense"], "no Dask scheduler answers at nonsense: missing port"),
-    ],
-)
-def test_mistakes(
-    job_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed, argv: list[str], message: str
-) -> None:
-    pytest.importorskip("distributed")
-    monkeypatch.chdir(tmp_path)
-    assert main.main(["batch", *argv]) != 0
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.startswith("lidarscene: error: ")
-    assert message in err
-    assert err.count("\n") == 1
-    assert not (tmp_path / "out" / "frames").exists()
-
-
 @pytest.mark.parametrize("package", ["distributed", "cryptography"])
 def test_without_packages(
     job_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed, package: str

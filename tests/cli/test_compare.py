@@ -206,10 +206,9 @@ def test_difference_cloud_opens_elsewhere(folder: Path) -> None:
 
 def test_the_same_again_and_as_json(folder: Path, run: Run, rough_charts: None, tmp_path: Path) -> None:
     scene = folder.parents[1] / "wall.toml"
-    ran = run("compare", str(scene), *PAIR, "-o", "again", *WEAK, *SWEPT, "--json", "--chunk", "50")
-    assert (ran.code, ran.err) == (0, "")
+    printed = run.well("compare", str(scene), *PAIR, "-o", "again", *WEAK, *SWEPT, "--json", "--chunk", "50")
     files = [str(Path("again") / name) for name in NAMES]
-    numbers = json.loads(ran.out)
+    numbers = json.loads(printed)
     assert sorted(numbers.pop("files")) == sorted(files)
     assert numbers == json.loads((folder / "compare.json").read_text("utf-8"))
     for name in NAMES:
@@ -218,9 +217,8 @@ def test_the_same_again_and_as_json(folder: Path, run: Run, rough_charts: None, 
 
 def test_clouds_from_files(folder: Path, run: Run, small_pictures: None, tmp_path: Path) -> None:
     files = [str(folder / f"{name}.ply") for name in ("table1-apd", "table1-sipm")]
-    ran = run("compare", *files, "-o", "out", "--json")
-    assert (ran.code, ran.err) == (0, "")
-    numbers, before = json.loads(ran.out), json.loads((folder / "compare.json").read_text("utf-8"))
+    printed = run.well("compare", *files, "-o", "out", "--json")
+    numbers, before = json.loads(printed), json.loads((folder / "compare.json").read_text("utf-8"))
     for key in ("both", "only_a", "only_b"):
         assert numbers["pairs"][0][key] == before["pairs"][0][key]
     assert numbers["sensors"][0]["rate"]["expected"] is None
@@ -242,17 +240,14 @@ def test_other_scanners_are_not_matched(folder: Path, run: Run, no_charts: None,
     scene = str(folder.parents[1] / "wall.toml")
     steps = (f"--set=table1-{kind}:scanner.azimuth_step_deg=4" for kind in ("apd", "sipm"))
     sensors = ("--sensors", "table1-apd,vlp-16,table1-sipm", *steps)  # the first and the last are alike
-    ran = run("compare", scene, *sensors, "-o", "own")
-    assert (ran.code, ran.err) == (0, "")
+    run.well("compare", scene, *sensors, "-o", "own")
     numbers = json.loads((tmp_path / "own" / "compare.json").read_text("utf-8"))
     assert (numbers["matched"], numbers["pairs"]) == (False, [])
     assert numbers["sensors"][0]["pulses"] != numbers["sensors"][1]["pulses"]
     assert "same-beams option" in (tmp_path / "own" / "index.html").read_text("utf-8")
-    ran = run("compare", str(tmp_path / "own" / "table1-apd.ply"), str(tmp_path / "own" / "vlp-16.ply"), "-o", "files")
-    assert (ran.code, ran.err) == (0, "")
+    run.well("compare", str(tmp_path / "own" / "table1-apd.ply"), str(tmp_path / "own" / "vlp-16.ply"), "-o", "files")
     assert "share no pulses" in (tmp_path / "files" / "index.html").read_text("utf-8")
-    ran = run("compare", scene, *sensors, "-o", "same", "--same-beams")
-    assert (ran.code, ran.err) == (0, "")
+    run.well("compare", scene, *sensors, "-o", "same", "--same-beams")
     numbers = json.loads((tmp_path / "same" / "compare.json").read_text("utf-8"))
     assert numbers["matched"]
     assert numbers["sensors"][0]["pulses"] == numbers["sensors"][1]["pulses"]
@@ -274,12 +269,10 @@ def test_nothing_found_at_all(
     mi, run: Run, rough_charts: None, wall: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Sensors that see nothing are compared without a word of NaN."""
-    ran = run("compare", wall, *PAIR, "-o", "out", *COARSE, "--set=laser.peak_power_w=1e-6")
-    assert (ran.code, ran.err) == (0, "")
+    run.well("compare", wall, *PAIR, "-o", "out", *COARSE, "--set=laser.peak_power_w=1e-6")
     numbers = json.loads((tmp_path / "out" / "compare.json").read_text("utf-8"))
     assert numbers["sensors"][0]["rate"]["found"] == 0
     draw_nothing(monkeypatch)  # of no surface: the charts are as empty
-    ran = run("compare", wall, *PAIR, "-o", "away", *COARSE, "--pose", "0,0,0,180")
-    assert (ran.code, ran.err) == (0, "")
+    run.well("compare", wall, *PAIR, "-o", "away", *COARSE, "--pose", "0,0,0,180")
     numbers = json.loads((tmp_path / "away" / "compare.json").read_text("utf-8"))
     assert numbers["sensors"][0]["rate"]["surfaces"] == 0

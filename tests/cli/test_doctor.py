@@ -2,12 +2,8 @@
 
 import platform
 
-from helpers.child import assert_ended
-
 from lidarscene.cli.doctor import examine
 from lidarscene.kernel.device import backend
-
-REPORT = "from lidarscene.cli.main import main; raise SystemExit(main(['doctor']))"
 
 
 def test_a_healthy_machine(mi) -> None:
@@ -19,14 +15,6 @@ def test_a_healthy_machine(mi) -> None:
     assert mi.variant() in text
     assert "plate at 5.0000 m, range found 5.0000 m: right" in text
     assert text.endswith("lidarscene can trace rays here")
-
-
-def test_a_broken_machine(run_python) -> None:
-    path = "/nowhere/libLLVM.so"
-    process = run_python(REPORT, DRJIT_LIBLLVM_PATH=path, LIDARSCENE_VARIANT="llvm_ad_mono")
-    assert_ended(process, 1)
-    assert f"DRJIT_LIBLLVM_PATH={path}: no such file" in process.stdout
-    assert process.stdout.rstrip().endswith("lidarscene cannot trace rays here")
 
 
 def test_a_back_end_that_fails_at_work(mi, monkeypatch) -> None:

@@ -104,9 +104,8 @@ def test_pages_show_everything(folder: Path) -> None:
 
 
 def test_the_same_again_and_as_json(folder: Path, run: Run, rough_charts: None) -> None:
-    ran = run("fov", "table1-apd", "table1-sipm", "-o", "again", *FAST, RISEN, "--json")
-    assert (ran.code, ran.err) == (0, "")
-    numbers = json.loads(ran.out)
+    printed = run.well("fov", "table1-apd", "table1-sipm", "-o", "again", *FAST, RISEN, "--json")
+    numbers = json.loads(printed)
     assert numbers["sensors"]["table1-apd"]["coverage"]["0.01"] == 1.0
     assert numbers["sensors"]["table1-apd"]["points_per_s"] == pytest.approx(50e3)
     for name in NAMES:
@@ -124,8 +123,7 @@ def bodies_of(folder: Path) -> list[dict[str, str]]:
 def test_points_on_bodies(mi, run: Run, tmp_path: Path) -> None:
     """The wall of 4 m at 10 m: 11.3 degrees to each side, so 11 by 11 beams of 2 degrees."""
     (tmp_path / "wall.toml").write_text(LABELLED)
-    ran = run("fov", "table1-apd", "-o", "out", *FAST, "--scene", "wall.toml")
-    assert (ran.code, ran.err) == (0, "")
+    run.well("fov", "table1-apd", "-o", "out", *FAST, "--scene", "wall.toml")
     assert "No view from above" in (tmp_path / "out" / "index.md").read_text("utf-8")
     (row,) = bodies_of(tmp_path / "out")
     assert (row["sensor"], row["body"], row["class"]) == ("table1-apd", "wall", "building")
@@ -137,8 +135,7 @@ def test_each_sensor_stands_at_its_own_mounting(mi, run: Run, no_charts: None, t
     """5 m nearer: half the distance, 21.8 degrees to each side, so all 21 by 11 beams of the coarse raster."""
     (tmp_path / "wall.toml").write_text(LABELLED)
     near = "--set=table1-sipm:mounting.position_m=[5.0,0.0,0.0]"
-    ran = run("fov", "table1-apd", "table1-sipm", "-o", "out", *FAST, near, "--scene", "wall.toml")
-    assert (ran.code, ran.err) == (0, "")
+    run.well("fov", "table1-apd", "table1-sipm", "-o", "out", *FAST, near, "--scene", "wall.toml")
     rows = {row["sensor"]: row for row in bodies_of(tmp_path / "out")}
     assert float(rows["table1-apd"]["distance_m"]) == pytest.approx(10.2, abs=0.2)
     assert float(rows["table1-sipm"]["distance_m"]) == pytest.approx(5.2, abs=0.2)
@@ -157,9 +154,8 @@ def test_a_rig(mi, run: Run, no_charts: None, tmp_path: Path) -> None:
         LABELLED + LABELLED.replace('name = "wall"', 'name = "behind"').replace("[10, 0, 1.8]", "[-10, 0, 1.8]")
     )
     (tmp_path / "rig.toml").write_text(RIG)
-    ran = run("fov", "--rig", "rig.toml", "-o", "out", *FAST, "--scene", "walls.toml", "--pose=0,0,-1.9", "--json")
-    assert (ran.code, ran.err) == (0, "")
-    assert set(json.loads(ran.out)["sensors"]) == {"front", "back"}
+    out = run.well("fov", "--rig", "rig.toml", "-o", "out", *FAST, "--scene", "walls.toml", "--pose=0,0,-1.9", "--json")
+    assert set(json.loads(out)["sensors"]) == {"front", "back"}
     rows = {row["sensor"]: row for row in bodies_of(tmp_path / "out")}
     assert {name: row["body"] for name, row in rows.items()} == {"front": "wall", "back": "behind"}
     assert all(8.0 <= float(row["distance_m"]) < 8.6 for row in rows.values())
@@ -186,8 +182,7 @@ def test_a_rigs_vehicle_stands_at_the_origin(
     monkeypatch.setattr(
         study, "field_of_view_study", lambda *_, vehicle, **__: vehicles.append(vehicle) or Report("Fields of view")
     )
-    ran = run("fov", "--rig", "rig", "--scene", str(SCENES / "car.toml"), "-o", "out", *pose)
-    assert (ran.code, ran.err) == (0, "")
+    run.well("fov", "--rig", "rig", "--scene", str(SCENES / "car.toml"), "-o", "out", *pose)
     assert vehicles[0].position_m.tolist() == [x_m, 0.0, 0.0]
 
 

@@ -341,7 +341,10 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     paper -o notes.txt | notes.txt | a folder
     paper -o out more | more
     batch wall.toml -o out | wall.toml | 'scenes' | 1 more | a scene file
+    batch none.toml -o out | none.toml | no such file
+    batch job | -o/--output
     batch job -o notes.txt | --output notes.txt | folder | a file
+    batch job -o out --workers 1 --scheduler a:1 | --workers | --scheduler | both
     batch job -o out --workers 0 | --workers | 1 | 1024 | 0
     check | FILE | lidarscene check -h
     catalog sensor | kind | 'sensor' | sensors?

@@ -19,9 +19,8 @@ APD, SIPM = "table1-apd", "table1-sipm"
 
 def range_text(run: Run, *typed: str) -> str:
     """What the command prints; each argument is of one word or more."""
-    ran = run("range", *" ".join(typed).split())
-    assert (ran.code, ran.err) == (0, "")
-    return ran.out
+    printed = run.well("range", *" ".join(typed).split())
+    return printed
 
 
 def range_json(run: Run, *typed: str) -> Any:

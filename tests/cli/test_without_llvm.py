@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from helpers.child import assert_ended
+from helpers.run_seed import chosen
 
 RUN = """
 import sys
@@ -49,7 +50,7 @@ def test_render_is_one_error(lidarscene, wall: str, tmp_path) -> None:
     assert not (tmp_path / "new").exists()
 
 
-@pytest.mark.parametrize("machine", MACHINES)
+@pytest.mark.parametrize("machine", chosen(1, list(MACHINES)))
 def test_doctor_reports(lidarscene) -> None:
     """Here what is told of each machine, by the lines that `render` ends with too."""
     run, message = lidarscene

@@ -55,6 +55,18 @@ def test_false_alarms_by_what_is_kept(keep):
     assert (detection.stops[0].range_m[in_both] <= detection.stops[1].range_m[in_both]).all()
 
 
+@pytest.mark.parametrize("tnr", [0.1, 1.0])
+def test_the_highest_alarm_over_a_low_threshold_is_as_high_as_noise(tnr):
+    """Highest of as many normal deviates as there are comparisons, 3.2 of them: to half a deviation."""
+    equipped = sensor("table1-apd", f"tdc.threshold_to_noise={tnr}", "tdc.keep='strongest'")
+    detection = detect(train(np.full((2000, 1), 50.0), np.zeros((2000, 1))), equipped)
+    (stop,), sigma = detection.stops, equipped.working_point(np.array([trains.BACKGROUND_W])).noise.deviation
+    comparisons = round(equipped.tdc.window_s * equipped.tdc.bandwidth_hz)
+    highest = np.random.default_rng(3).normal(size=(2000, comparisons)).max(axis=1)
+    assert stop.reported.all()
+    assert np.mean(stop.amplitude / sigma) == pytest.approx(highest.mean(), abs=0.5)
+
+
 def test_an_alarm_is_beside_the_strongest_echo():
     """Its source and true range are those of the pulse's strongest sub-echo, the second of three."""
     equipped = sensor("table1-apd", "tdc.threshold_to_noise=3.3", "tdc.stops=2", "tdc.window_us=2")

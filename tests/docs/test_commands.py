@@ -1,6 +1,6 @@
 """Every command that the documentation shows runs, page by page, on the files that the page shows; a run draws pages.
 
-Here those of all pages but the studies' (tests/docs/test_study_commands.py), and what all shell blocks may hold.
+And what all shell blocks may hold.
 """
 
 import argparse
@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from helpers.documentation import PAGES, ROOT, commands, shell_lines
-from helpers.shown_commands import PARSED_ONLY, Reader, by_names, drawn_pages, incomplete
+from helpers.shown_commands import PARSED_ONLY, Reader, drawn_pages, incomplete
 
 from lidarscene.cli import main
 from lidarscene.cli.words import with_joined_pose
@@ -24,9 +24,7 @@ MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 
 @pytest.fixture(scope="module")
 def reader(tmp_path_factory: pytest.TempPathFactory) -> Reader:
-    """What a page of studies shows too is run there."""
-    commands_run = {by_names(command) for page in drawn_pages(of_studies=True) for command in commands(page)}
-    return Reader(tmp_path_factory.mktemp("documentation"), commands_run)
+    return Reader(tmp_path_factory.mktemp("documentation"))
 
 
 def test_pages_show_commands_that_exist() -> None:
@@ -38,7 +36,7 @@ def test_pages_show_commands_that_exist() -> None:
         assert main._parser().parse_args(with_joined_pose(words)).run, command
 
 
-@pytest.mark.parametrize("page", drawn_pages(of_studies=False), ids=lambda page: page.name)
+@pytest.mark.parametrize("page", drawn_pages(), ids=lambda page: page.name)
 def test_commands_run(
     page: Path, mi: Any, reader: Reader, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

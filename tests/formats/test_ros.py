@@ -259,6 +259,14 @@ def test_a_rig_in_one_bag(tmp_path: Path, library: Any, street_cloud: PointCloud
     np.testing.assert_allclose(moved_m, street_cloud.xyz_m, atol=2e-5)
 
 
+def test_a_frame_has_one_place(tmp_path: Path, street_cloud: PointCloud) -> None:
+    """Labels of two sensors that are one name in ROS."""
+    need("mcap")
+    with told("'top_a' | one place | - from _"), ros_frames(tmp_path / "a.mcap") as append:
+        for label, mounting in zip(("top-a", "top_a"), MOUNTINGS, strict=True):
+            append(on_vehicle(street_cloud, mounting), label)
+
+
 def test_a_merged_cloud_is_in_the_vehicles_frame(tmp_path: Path, library: Any, street_cloud: PointCloud) -> None:
     """The second sensor's frame begins 30 ms later: the times of its points count from the first one's stamp."""
     need("mcap")

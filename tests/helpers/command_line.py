@@ -1,9 +1,11 @@
 """What the tests of the command line share: a small scene, a coarse raster, what a run leaves."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
+import pytest
+
 from helpers.walls import WALL as WALL
+from lidarscene.cli import main
 
 COARSE = (
     "--set=scanner.azimuth_fov_deg=40",
@@ -21,4 +23,22 @@ class Ran:
     err: str
 
 
-Run = Callable[..., Ran]
+@dataclass(frozen=True)
+class Run:
+    """A command line in this process."""
+
+    capsys: pytest.CaptureFixture[str]
+
+    def __call__(self, *argv: str) -> Ran:
+        self.capsys.readouterr()
+        try:
+            code = main.main(argv)
+        except SystemExit as end:  # argparse after -h and --version
+            code = int(end.code or 0)
+        return Ran(code, *self.capsys.readouterr())
+
+    def well(self, *argv: str) -> str:
+        """What it prints; it must end well, without a note."""
+        ran = self(*argv)
+        assert (ran.code, ran.err) == (0, "")
+        return ran.out

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from helpers.command_line import WALL, Ran, Run
-from lidarscene.cli import main
+from helpers.command_line import WALL, Run
 from lidarscene.figures import intervals, lines, maps, pictures
 from lidarscene.figures.canvas import Canvas
 from lidarscene.files.encodings.png import encode_png
@@ -27,16 +26,7 @@ def _no_waiting_for_the_disk() -> Iterator[None]:
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
     """Run a command line in tmp_path."""
     monkeypatch.chdir(tmp_path)
-
-    def command(*argv: str) -> Ran:
-        capsys.readouterr()
-        try:
-            code = main.main(argv)
-        except SystemExit as end:  # argparse after -h and --version
-            code = int(end.code or 0)
-        return Ran(code, *capsys.readouterr())
-
-    return command
+    return Run(capsys)
 
 
 @pytest.fixture

@@ -32,15 +32,16 @@ name = "unit.toml"
 position_m = [0.0, 0.0, 1.8]
 yaw_deg = 30.0
 [materials]
-road = { bsdf = "diffuse", reflectivity = 0.12 }
-grey = { bsdf = "diffuse", reflectivity = 0.3 }
-white = { bsdf = "diffuse", reflectivity = 0.85 }
 """
 
 
-def walls() -> str:
-    """A road, and walls along it whose distance grows from 2 to 60 m."""
-    text = SCENE + _body("road", "road", (200.0, 200.0), (0.0, 0.0, 0.0))
+def walls(scale: float = 1.0) -> str:
+    """A road, and walls along it whose distance grows from 2 to 60 m; ``scale`` of all reflectivities below 0.98."""
+    materials = "".join(
+        f'{name} = {{ bsdf = "diffuse", reflectivity = {min(value * scale, 0.98):.4f} }}\n'
+        for name, value in {"road": 0.12, "grey": 0.3, "white": 0.85}.items()
+    )
+    text = SCENE + materials + _body("road", "road", (200.0, 200.0), (0.0, 0.0, 0.0))
     for number, away_m in enumerate(np.geomspace(2.0, 60.0, 12)):
         azimuth = np.radians(-150.0 + 25.0 * number)
         place = away_m * np.cos(azimuth), away_m * np.sin(azimuth), 0.4 * away_m

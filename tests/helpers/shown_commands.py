@@ -186,9 +186,6 @@ COARSE_JOB = {
 }
 """What the example `job` says, and what instead: four frames for twelve."""
 
-OF_STUDIES = "compare design fov job_files motion own_mesh own_sensor range sensors"
-"""Pages with commands that take as long as those of all others: two files of tests, for two processes."""
-
 
 def by_names(line: str) -> str:
     """The command with files of `scenes/` called by their names, so that `car` and `scenes/car.toml` are one."""
@@ -205,16 +202,10 @@ def use_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     use_no_worlds_of_others(monkeypatch)
 
 
-def pages(*, of_studies: bool) -> list[Path]:
-    """Pages with commands: all, since a user types what any of them says."""
-    return [page for page in PAGES if commands(page) and (page.stem in OF_STUDIES.split()) == of_studies]
-
-
-def drawn_pages(*, of_studies: bool) -> list[Path]:
+def drawn_pages() -> list[Path]:
     """README and one of three other pages, others in each run; all commands of all pages are parsed in each."""
-    always = [page for page in pages(of_studies=of_studies) if page == README]
-    others = [page for page in pages(of_studies=of_studies) if page != README]
-    return always + chosen(len(others) // 3, others)
+    others = [page for page in PAGES if commands(page) and page != README]
+    return [README, *chosen(len(others) // 3, others)]
 
 
 def incomplete(command: str) -> bool:

@@ -11,6 +11,8 @@ from helpers.walls import WALL
 from lidarscene.batch import cluster, work
 from lidarscene.batch.dispatch import Connect
 from lidarscene.batch.tasks import FrameTask, Job
+from lidarscene.kernel.device import gpus
+from lidarscene.kernel.device.backend import VARIANT_VARIABLE
 
 JOB = """
 scenes = ["wall.toml"]
@@ -58,11 +60,14 @@ def job(job_file: Path) -> Job:
 
 @pytest.fixture(scope="module")
 def client(mi: Any) -> Iterator[Any]:
-    """A client of two worker processes."""
+    """A client of two worker processes, on two cards that are not there."""
     pytest.importorskip("distributed")
     pytest.importorskip("pyarrow")
-    with cluster.local_client(2) as client:
-        yield client
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv(VARIANT_VARIABLE, raising=False)
+        patch.setenv(gpus.VISIBLE, "GPU-first,GPU-second")
+        with cluster.local_client(2) as client:
+            yield client
 
 
 @pytest.fixture

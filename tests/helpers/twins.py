@@ -38,13 +38,17 @@ def use_few_evaluations(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scene_fit, "MOST_EVALUATIONS", 4)
 
 
+def towards(azimuth: Any, elevation: Any) -> Any:
+    """(..., 3) unit vectors."""
+    parts = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)
+    return np.stack(np.broadcast_arrays(*parts), axis=-1)
+
+
 def directions(columns: int = COLUMNS, shear_deg: float = 0.0) -> Any:
     """(rings, columns, 3), clockwise from behind; every second ring's azimuth is ahead by the shear."""
     azimuth = np.pi - 2.0 * np.pi * np.arange(columns) / columns
     azimuth = azimuth[None, :] + np.radians(shear_deg) * (np.arange(RINGS)[:, None] % 2)
-    elevation = np.radians(ELEVATION_DEG)[:, None]
-    parts = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)
-    return np.stack(np.broadcast_arrays(*parts), axis=-1)
+    return towards(azimuth, np.radians(ELEVATION_DEG)[:, None])
 
 
 def room(direction: Any, pose: Pose | None = None) -> tuple[Any, Any, Any]:

@@ -23,7 +23,9 @@ MODELS = {layout.name: layout for layout in reversed(FORMATS)}
 """One layout of each model: the OT128's without options."""
 
 
-def payloads(layout: PacketFormat, steps: Any, *, mode: int = 0x37, returns: int = 1, packets: int = 6) -> list[bytes]:
+def payloads(
+    layout: PacketFormat, steps: Any, *, mode: int = 0x37, returns: int = 1, packets: int = 6, stamp_us: int = 1000
+) -> list[bytes]:
     """Packets of a head that turns at 600 in a minute, each laser's distances [steps] by the block in its firing."""
     count = COUNT.get(layout.name, 600)
     rows = np.zeros(packets, layout.dtype)
@@ -39,7 +41,8 @@ def payloads(layout: PacketFormat, steps: Any, *, mode: int = 0x37, returns: int
     rows["blocks"]["points"]["distance"] = np.tile(np.asarray(steps), (packets, firings, 1))
     rows["blocks"]["points"]["reflectivity"] = 7
     rows["turns_per_minute"], rows["mode"] = count, mode
-    rows["stamp"] = np.rint(1e6 * layout.cycle_s * firings * np.arange(packets)) + 1000
+    rows["stamp"] = np.rint(1e6 * layout.cycle_s * firings * np.arange(packets)) + stamp_us
+    rows["stamp"] %= 10**6
     if layout.phase is not None:
         rows["phase"] = (np.arange(packets) + 1) % 2 if returns > 1 else 0
     if layout.step_mm is None:
@@ -96,6 +99,19 @@ def test_every_model_is_read_with_the_catalogues_beams(tmp_path: Path, layout: P
     assert sweep.time_s is not None
     fired_s = sweep.time_s[channel, second.astype(int)]
     np.testing.assert_allclose(fired_s - fired_s.min(), scanner.time_s(pulse), atol=2e-10)
+
+
+@pytest.mark.parametrize("stamp_us", [1000, 501_500, 999_500])
+def test_clocks_that_are_not_set_by_each_other(tmp_path: Path, stamp_us: int) -> None:
+    """The recorder's clock begins at a whole second and gains 0.7 ms a packet. The sensor's is half a second away, or
+    passes a second.
+    """
+    layout = MODELS["Pandar64"]
+    packets = payloads(layout, np.full(layout.lasers, 500), stamp_us=stamp_us)
+    with open_recording(pcap(tmp_path / "a.pcap", packets)) as recording:
+        time_s = recording[0].time_s
+    assert time_s is not None
+    assert 0.0 < np.ptp(time_s) < 0.01
 
 
 @pytest.mark.parametrize("name", MODELS)

@@ -53,3 +53,5 @@ def test_returns_that_no_lidar_sees_are_left_out() -> None:
     np.testing.assert_array_equal(read.recorded, [True, True, False])
     assert read.second is not None
     np.testing.assert_array_equal(read.second.range_m, [np.nan, np.nan, 30.0])
+    with told("a.pcd | sensor's frame | 10000 m"):  # as of a survey in UTM
+        Recording(path=Path("a.pcd"), count=1, read=lambda _: sweep(5e5, 5.4e6))[0]

@@ -29,6 +29,14 @@ def test_marks_within_the_window_are_no_points() -> None:
     assert sweep_of(columns, shape=(1, 3), metadata={}).lost.tolist() == [[True, True, False]]
 
 
+def test_lost_pulses_before_the_first_point() -> None:
+    """Rationale: an Ouster's cloud that begins in the sky; its `t` is unsigned."""
+    columns = {"x": np.array([0.0, 2.0]), "y": np.zeros(2), "z": np.zeros(2), "t": np.array([1000, 5000], np.uint32)}
+    sweep = sweep_of(columns, shape=(1, 2), start_s=50.0, metadata={})
+    assert sweep.time_s is not None
+    assert sweep.time_s[0].tolist() == pytest.approx([-4e-6, 0.0])
+
+
 @pytest.mark.parametrize(
     ("stamps", "start_s", "times_s", "began_s"),
     [

@@ -30,6 +30,10 @@ from .stops import EMPTY, Found, Stops
 _NEVER_S = 1.0
 """Choice: time of an alarm that does not happen: later than any window."""
 
+_STEEP = 2.5
+"""Choice: deviations of the noise above 0 from which on its tail falls as steeply as there: near 0 a Gaussian is flat,
+and the highest of some hundred alarms 3 deviations high."""
+
 _DRAWS = 2**16
 """Draws of the jitter for each kind of alarm, from this number on: a pulse has fewer rises, which take those before."""
 
@@ -97,12 +101,10 @@ class _AlarmsByTime:
 
     def alarm(self, number: Lanes, elapsed: Lanes) -> _Alarm:
         """An alarm at this time, of a random source."""
-        shots, converter, threshold, point = self.shots, self.shots.sensor.tdc, self.shots.threshold, self.shots.point
+        shots, converter = self.shots, self.shots.sensor.tdc
         wait_s = self._wait_s(elapsed)
         time_s = converter.window_s - wait_s if self._backwards else converter.blanking_s + wait_s
-        height = random.exponential(shots.words(Stage.FALSE_ALARM, 2 * number + 1))
-        # Far out, a Gaussian tail falls like exp(-U x / sigma_0^2): the excess over U is exponential.
-        amplitude = threshold + height * point.noise.deviation * point.noise.deviation / threshold
+        amplitude = _noise_amplitude(shots, random.exponential(shots.words(Stage.FALSE_ALARM, 2 * number + 1)))
         if not self.other_lidars:
             return _Alarm(time_s=time_s, amplitude=amplitude, interfering=None)
         assigned = interference.assign_source(
@@ -147,16 +149,15 @@ class _AlarmsByHeight:
 
     def alarm(self, number: Lanes, elapsed: Lanes) -> _Alarm:
         """An alarm as high as the share of the crossings that are higher says."""
-        shots, converter, threshold, point = self.shots, self.shots.sensor.tdc, self.shots.threshold, self.shots.point
-        ops, exists = xp(threshold), self.happens(elapsed)
+        shots, converter = self.shots, self.shots.sensor.tdc
+        ops, exists = xp(elapsed), self.happens(elapsed)
         share = ops.where(exists, elapsed / ops.where(exists, self._expected, 1.0), 1.0)
         uniform = random.open_uniform(shots.words(self._stage, self.first_draw + 2 * number + 1)[0])
         time_s = converter.blanking_s + uniform * converter.listening_s
         if self.lidar is not None:
             amplitude = interference.tripping_amplitude(shots, self.lidar, uniform=share)
             return _Alarm(time_s=time_s, amplitude=amplitude, interfering=ops.full(elapsed, True))
-        amplitude = threshold - ops.log(share) * point.noise.deviation * point.noise.deviation / threshold
-        return _Alarm(time_s=time_s, amplitude=amplitude, interfering=None)
+        return _Alarm(time_s=time_s, amplitude=_noise_amplitude(shots, -ops.log(share)), interfering=None)
 
     @property
     def _stage(self) -> Stage:
@@ -200,6 +201,14 @@ def _kinds(shots: Shots, sources: tuple[Interference, ...]) -> Sequence[_Alarms]
         )
     rate_hz = sum((lidar.rate_hz for lidar in other_lidars), noise_hz)
     return (_AlarmsByTime(shots=shots, noise_rate_hz=noise_hz, rate_hz=rate_hz, other_lidars=other_lidars),)
+
+
+def _noise_amplitude(shots: Shots, excess: Lanes) -> Lanes:
+    """Peak of noise that trips, (n,) in signal units, from a standard exponential number."""
+    # Far out, a Gaussian tail falls like exp(-U x / sigma_0^2): the excess over U is exponential.
+    sigma = shots.point.noise.deviation
+    steepest = xp(shots.threshold, sigma).maximum(shots.threshold, _STEEP * sigma)
+    return shots.threshold + excess * sigma * sigma / steepest
 
 
 def _merge_alarms(shots: Shots, stops: Stops, alarms: _Alarms, found: Found, *, first_draw: int) -> Stops:

@@ -231,11 +231,21 @@ class Bag:
             self._write_transforms(TRANSFORMS, time_ns, [transform])
 
     def _append_mounting(self, mounting: Pose, frame: str, time_ns: int) -> None:
-        """Append the place of a frame on the vehicle, once."""
-        if frame not in self._mountings:
-            self._mountings[frame] = _transform(mounting, VEHICLE_FRAME, frame, time_ns)
+        """Append the place of a frame on the vehicle, once.
+
+        Raises:
+            InputError: for a frame that has another place already
+        """
+        placed = _transform(mounting, VEHICLE_FRAME, frame, time_ns)
+        known = self._mountings.setdefault(frame, placed)
+        if known is placed:
             # The last message is all that a late subscriber gets: it has every frame so far.
             self._write_transforms(STATIC_TRANSFORMS, time_ns, list(self._mountings.values()), qos=LATCHED)
+        elif known["transform"] != placed["transform"]:
+            raise InputError(
+                f"{os.fspath(self._path)}: frame '{frame}': must have one place on the vehicle, got two; of labels, "
+                "ROS does not tell - from _"
+            )
 
     def _write_transforms(self, topic: str, time_ns: int, transforms: list[MessageFields], *, qos: str = "") -> None:
         self._writer.write(topic, "tf2_msgs/msg/TFMessage", time_ns, {"transforms": transforms}, qos=qos)

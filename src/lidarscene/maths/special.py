@@ -90,11 +90,6 @@ def polynomial(x: Lanes, *coefficients: float) -> Lanes:
     return value
 
 
-def log_gamma(x: Lanes) -> Lanes:
-    """log Gamma(x) for x >= 1, 1e-9 relative: Stirling's formula and what it lacks."""
-    return (x - 0.5) * xp(x).log(x) - x + 0.5 * math.log(2.0 * math.pi) + _beyond_stirling(x)
-
-
 _STIELTJES = 1 / 12, 1 / 30, 53 / 210, 195 / 371, 22999 / 22737, 29944523 / 19733142
 """Source: NIST Digital Library of Mathematical Functions, 5.10; continued fraction of what Stirling's formula lacks."""
 

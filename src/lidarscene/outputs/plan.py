@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..errors import OptionError
+from ..errors import OptionError, OptionWarning, warn
 from ..files.atomic import require_writable
 from ..formats.cloud_columns import columns_of
 from ..formats.osi import trace_name
@@ -194,8 +194,9 @@ def check_writable(plan: Plan, clouds: Sequence[Mapping[str, Path]]) -> None:
         InputError: for two outputs with one name: the second would overwrite the first
     """
     clouds = plan.distinct(clouds)
-    if plan.outputs.dataset is not None:
-        _require_no_later_frames([files["output"] for files in clouds])
+    is_set = plan.outputs.dataset is not None
+    if is_set or (plan.frames is not None and not plan.is_one_file):
+        _tell_of_later_frames([files["output"] for files in clouds if "output" in files], refuse=is_set)
     is_folder = plan.is_bag and plan.format.folder
     folders = {files[key] for files in clouds for key in CLOUDS if key in files} if is_folder else set()
     real_paths: set[str] = set()
@@ -210,20 +211,19 @@ def check_writable(plan: Plan, clouds: Sequence[Mapping[str, Path]]) -> None:
                 real_paths.add(real)
 
 
-def _require_no_later_frames(paths: Sequence[Path]) -> None:
-    """Raise OptionError for a data set with frames after this run's last: they would be of another run."""
+def _tell_of_later_frames(paths: Sequence[Path], *, refuse: bool) -> None:
+    """Raise OptionError, or warn, where there are frames after this run's last: they are of another run."""
     last: dict[Path, Path] = {}
     for path in paths:
         last[path.parent] = max(path, last.get(path.parent, path))
     for folder, path in last.items():
-        later = sorted(file.name for file in folder.glob(f"*{path.suffix}") if file.name > path.name)
+        frame = path.name[: path.name.index(".")]
+        later = sorted(file.name for file in folder.glob(f"[0-9f]*{path.suffix}") if file.name.split(".")[0] > frame)
         if later:
-            raise OptionError(
-                "{path} {0}: holds {1} of an earlier run, after this run's last frame, {2}; choose another folder",
-                folder,
-                later[0],
-                path.name,
-            )
+            told = "{path} {0}: holds {1} of an earlier run, after this run's last frame, {2}; choose another folder"
+            if refuse:
+                raise OptionError(told, folder, later[0], path.name)
+            warn(OptionWarning(told, folder, later[0], path.name))
 
 
 def _option(key: str) -> str:

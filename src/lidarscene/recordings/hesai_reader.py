@@ -424,9 +424,11 @@ def _sweep(
         first_phase = 1 - (rows["phase"] & 1)
     phase = (first_phase[:, None] + np.arange(firings)) % len(beams.firing_s)
     firing_s = beams.firing_s[phase]
-    # The sensor's clock gives the time within a second, the recorder's clock the second.
+    # The sensor's clock gives the time within a second, the recorder's clock the second of the first packet. Where they
+    # are half a second apart, each packet by itself would be of one second or of the next.
     part_s = 1e-6 * rows["stamp"]
-    second = np.rint(stamps_s - part_s)
+    late_s = stamps_s - part_s
+    second = np.rint(late_s[0]) + np.rint(late_s - late_s[0])
     number = np.arange(firings) - (0 if layout.stamps_first else firings - 1)
     begin_s = (second + part_s - 1e-6 * layout.stamp_us)[:, None] + layout.cycle_s * number
     time_s = begin_s[..., None] + firing_s

@@ -81,6 +81,8 @@ def _times(stamps: Numbers, range_m: Numbers, start_s: float) -> tuple[Numbers, 
 
     Floats that would be later than the year 30,000,000 in seconds are nanoseconds, as Livox's driver has them.
     """
+    if stamps.dtype.kind == "u":  # of which nothing is before the first point, where lost pulses may be
+        stamps = stamps.astype(np.int64)
     in_ns = stamps.dtype.kind in "iu" or bool(np.nanmax(stamps, initial=0.0) > LARGEST_S)
     scale = 1e-9 if in_ns else 1.0
     point_stamps = stamps[np.isfinite(range_m)]

@@ -12,11 +12,10 @@ from typing import Any
 from ..errors import InputError
 from ..files.inputs import LARGEST_TEXT, require_file
 from ..materials.material import Material
-from ..materials.material_file import catalogue_material
 from .meshes.mesh_cache import SubMesh
 from .meshes.mesh_objects import named_pieces
 from .meshes.reading import check_pieces, grey_material
-from .scene import Body, Part, Scene
+from .scene import Body, Part, Scene, add_material
 
 MaterialChoice = str | Material
 
@@ -40,7 +39,7 @@ def object_scene(
     piece_names = {key for _, piece in pieces for key in piece.keys}
     _refuse_unknown(materials, piece_names, f"{where}: materials")
     _refuse_unknown(classes, {node for node, _ in pieces}, f"{where}: classes")
-    scene_materials = _SceneMaterials()
+    scene_materials: dict[str, Material] = {}
     bodies = [
         Body(
             name=node,
@@ -50,7 +49,7 @@ def object_scene(
         for node, piece in pieces
         if len(piece.faces)
     ]
-    return Scene(bodies=tuple(bodies), materials=scene_materials.materials, **settings)
+    return Scene(bodies=tuple(bodies), materials=scene_materials, **settings)
 
 
 def mitsuba_scene(path: Path, *, materials: Mapping[str, MaterialChoice], settings: Mapping[str, Any]) -> Scene:
@@ -59,28 +58,16 @@ def mitsuba_scene(path: Path, *, materials: Mapping[str, MaterialChoice], settin
     Raises:
         InputError: if a file, a key or a value cannot be understood
     """
-    scene_materials = _SceneMaterials()
-    base_materials = {identity: scene_materials.add(material) for identity, material in materials.items()}
+    scene_materials: dict[str, Material] = {}
+    base_materials = {
+        identity: add_material(scene_materials, material, "load_scene") for identity, material in materials.items()
+    }
     return Scene(
         **({"name": path.stem} | dict(settings)),
         base=xml_file(path),
         base_materials=base_materials,
-        materials=scene_materials.materials,
+        materials=scene_materials,
     )
-
-
-class _SceneMaterials:
-    """The materials that a scene needs, by name."""
-
-    def __init__(self) -> None:
-        self.materials: dict[str, Material] = {}
-
-    def add(self, material: MaterialChoice) -> str:
-        """Add a material to the scene and return its name."""
-        name = material if isinstance(material, str) else material.name
-        if name not in self.materials:
-            self.materials[name] = catalogue_material(material) if isinstance(material, str) else material
-        return name
 
 
 def _material_for(
@@ -89,7 +76,7 @@ def _material_for(
     return next((materials[key] for key in piece.keys if key in materials), material)
 
 
-def _part(piece: SubMesh, node: str, material: MaterialChoice | None, scene_materials: _SceneMaterials) -> Part:
+def _part(piece: SubMesh, node: str, material: MaterialChoice | None, scene_materials: dict[str, Material]) -> Part:
     """Part of a piece with its material, or else with its own colour.
 
     Raises:
@@ -105,7 +92,7 @@ def _part(piece: SubMesh, node: str, material: MaterialChoice | None, scene_mate
     return Part(
         vertices_m=piece.vertices_m,
         faces=piece.faces,
-        material=scene_materials.add(material),
+        material=add_material(scene_materials, material, "load_scene"),
         name=piece.keys[0],
         in_box=piece.in_box,
     )

@@ -561,16 +561,11 @@ class Scene(HintedAttributes):
                     )
                 colour_of = name if len(pieces) == 1 else f"{name}, {piece.keys[0]}"
                 chosen = grey_material(f"colour of {colour_of}", piece.grey)
-            key = chosen if isinstance(chosen, str) else chosen.name
-            if isinstance(chosen, Material) and asdict(materials.get(key, chosen)) != asdict(chosen):
-                raise InputError(f"scene.add: material '{key}': the scene has another of this name")
-            if key not in materials:
-                materials[key] = catalogue_material(chosen) if isinstance(chosen, str) else chosen
             parts.append(
                 Part(
                     vertices_m=piece.vertices_m,
                     faces=piece.faces,
-                    material=key,
+                    material=add_material(materials, chosen, "scene.add"),
                     name=piece.keys[0],
                     in_box=piece.in_box,
                     cutout=piece.cutout,
@@ -623,3 +618,17 @@ class Scene(HintedAttributes):
             "sensor": f"{self.sensor_name} at {x:g}, {y:g}, {z:g} m",
         }
         return facts_by_name | ({"base": str(self.base)} if self.base else {})
+
+
+def add_material(materials: dict[str, Material], chosen: str | Material, where: str) -> str:
+    """Add a material to a scene's, and return its name; one of the catalogue goes by its name, as those of the scene.
+
+    Raises:
+        InputError: for another material of the same name
+    """
+    name = chosen if isinstance(chosen, str) else chosen.name
+    if isinstance(chosen, Material) and asdict(materials.get(name, chosen)) != asdict(chosen):
+        raise InputError(f"{where}: material '{name}': the scene has another of this name")
+    if name not in materials:
+        materials[name] = catalogue_material(chosen) if isinstance(chosen, str) else chosen
+    return name

@@ -17,12 +17,11 @@ from lidarscene.sensor.sensor_file import load_sensor
 
 def test_a_unit_of_an_ouster(run: Run) -> None:
     shutil.copy(OUSTER.with_suffix(".json"), "unit.json")
-    ran = run("sensor", "--from", "unit.json", "--mode", "512x10", "-o", "mine.toml")
-    assert (ran.code, ran.err) == (0, "")
-    assert ran.out == "wrote mine.toml: OS-0-32-U1 992137000142, 32 beams, else as os0-128\n"
+    printed = run.well("sensor", "--from", "unit.json", "--mode", "512x10", "-o", "mine.toml")
+    assert printed == "wrote mine.toml: OS-0-32-U1 992137000142, 32 beams, else as os0-128\n"
     assert load_sensor("mine.toml").scanner.pulses == 512 * 32
     mine = read_toml(Path("mine.toml"))
-    assert run("sensor", "--from", "os0-32", "--mode", "512x10", "-o", "mine.toml").out == ran.out
+    assert run("sensor", "--from", "os0-32", "--mode", "512x10", "-o", "mine.toml").out == printed
     assert read_toml(Path("mine.toml"))["scanner"] == mine["scanner"]
 
 

@@ -20,14 +20,13 @@ from lidarscene import Simulator, load_scene, load_sensor
 
 def test_a_twin_of_a_recording(run: Run) -> None:
     """One packet of an OS0: 16 of 1024 columns."""
-    ran = run("twin", str(OUSTER), "--held-out", "columns", "-o", "twin")
-    assert (ran.code, ran.err) == (0, "")
-    assert "quads of 1 frame" in ran.out
+    printed = run.well("twin", str(OUSTER), "--held-out", "columns", "-o", "twin")
+    assert "quads of 1 frame" in printed
     assert {path.name for path in Path("twin").iterdir()} == {"scene.toml", "sensor.toml", "twin.json", "meshes"}
     text = Path("twin/sensor.toml").read_text()
     assert "stops = 2" in text  # it recorded two returns
     assert re.search(
-        r"second returns take several rays of a pulse: lidarscene render twin.scene\.toml --rays 16", ran.out
+        r"second returns take several rays of a pulse: lidarscene render twin.scene\.toml --rays 16", printed
     )
 
 
@@ -39,8 +38,7 @@ def test_a_twin_of_a_recording_without_signal_renders(run: Run, tmp_path: Path, 
     library("velodyne_decoder")
     lost_pulses = [(3, firing) for firing in range(800, 825)]
     path = pcap(tmp_path / "room.pcap", turns(150, missing=lost_pulses))
-    ran = run("twin", str(path), "--frames", "0", "--sensor", "vlp-16", "-o", "twin")
-    assert (ran.code, ran.err) == (0, "")
+    run.well("twin", str(path), "--frames", "0", "--sensor", "vlp-16", "-o", "twin")
     scene = load_scene("twin/scene.toml")
     assert {body.class_name for body in scene.bodies} >= {"smooth", "filled"}
     assert "bright" not in {body.class_name for body in scene.bodies}

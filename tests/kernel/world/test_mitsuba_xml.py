@@ -287,10 +287,17 @@ GROUPS = """<scene version="3.0.0">
 """
 
 
-def test_instances_are_where_mitsuba_has_them(mi: ModuleType, tmp_path: Path) -> None:
+ALIASES = GROUPS.replace('<ref id="grey"/>', '<ref id="slate"/>').replace(
+    '<shape type="shapegroup" id="pair">',
+    '<alias id="grey" as="dark"/><alias id="dark" as="slate"/><shape type="shapegroup" id="pair">',
+)
+
+
+@pytest.mark.parametrize("groups", [GROUPS, ALIASES], ids=["ids", "aliases"])
+def test_instances_are_where_mitsuba_has_them(mi: ModuleType, tmp_path: Path, groups: str) -> None:
     """Mitsuba's own scene, with its groups, is met by the same rays at the same distance, but for noise."""
     path = tmp_path / "groups.xml"
-    path.write_text(GROUPS)
+    path.write_text(groups)
     cloud = lidarscene.render(path, overrides=COARSE, pose=Pose())
     points = np.stack([cloud["x"], cloud["y"], cloud["z"]])[:, np.isin(cloud["status"], Status.ECHO)]
     far = np.linalg.norm(points, axis=0)

@@ -131,7 +131,7 @@ def test_errors_of_either_thread_are_raised() -> None:
         sent_of(firings(9), send)
 
 
-def test_udp_sends_and_tells_what_it_cannot() -> None:
+def test_udp_sends_and_tells_what_it_cannot(monkeypatch: pytest.MonkeyPatch) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.bind(("127.0.0.1", 0))
         receiver.settimeout(30.0)
@@ -141,6 +141,14 @@ def test_udp_sends_and_tells_what_it_cannot() -> None:
             assert receiver.recv(100) == b"one"
             with told(f"127.0.0.1:{port}", OutputError):
                 send(bytes(70_000))
+        # A system that names its address of IPv6 first, where no reader of packets listens.
+        found = [(socket.AF_INET6, socket.SOCK_DGRAM, 17, "", ("::1", port, 0, 0))]
+        found += socket.getaddrinfo("127.0.0.1", port, type=socket.SOCK_DGRAM)
+        with monkeypatch.context() as patched:
+            patched.setattr(socket, "getaddrinfo", lambda *_, **__: found)
+            with udp("localhost", port) as send:
+                send(b"two")
+                assert receiver.recv(100) == b"two"
     with told("no such host"), udp("no host", 1):
         pass
 

@@ -38,7 +38,7 @@ def test_points_of_the_decoder_lie_on_the_beams(tmp_path: Path, library: Callabl
 
 @pytest.mark.parametrize("name", ["Laser id", "Channel"])
 def test_a_table_as_units_send_it(tmp_path: Path, name: str) -> None:
-    """With a first line of its version and a last line of its hash, as in the maker's SDK; lines may be sorted anew."""
+    """Table with a first line of its version and a last of its hash, as in the maker's SDK; lines in any order."""
     path = table(tmp_path / "angles.csv")
     lists = read_unit(path).lists
     _, *lines = path.read_text().splitlines()

@@ -61,7 +61,7 @@ def test_modes_give_columns_turns_and_the_rate(tmp_path: Path) -> None:
 
 
 def test_ranges_have_the_steps_of_their_profile(tmp_path: Path, library: Callable[[str], Any]) -> None:
-    """By the bits that the maker's own library reads; rationale: an OS1-128's steps of 8 mm told it from its twin."""
+    """Steps by the bits that the maker's own library reads; rationale: an OS1-128's of 8 mm told it from its twin."""
     core = library("ouster.sdk.core")
     content, steps_mm = json.loads(JSON.read_text()), {}
     for name in (name for name in core.UDPProfileLidar.__members__ if "RNG" in name):

@@ -78,6 +78,30 @@ def test_polygons_become_triangles(tmp_path: Path) -> None:
     assert area_m2(piece.vertices_m, piece.faces) == pytest.approx(3 + 2)
 
 
+@pytest.mark.parametrize(
+    ("plain", "odd"),
+    [
+        ("f 2 3 5", "  f 2 3 5"),
+        ("f 2 3 5", "f\t2\t3 5"),
+        ("f 2 3 5", "f 2 3 5 # the tip"),
+        ("f 2 3 5", "f 2 \\\n3 5"),
+        ("usemtl tile", "usemtl\ttile"),
+        ("v 0 0 0", "\ufeffv 0 0 0"),
+        ("\n", "\r"),
+        ("\n", "\r\n"),
+    ],
+)
+def test_an_obj_is_the_same_in_every_dialect(tmp_path: Path, plain: str, odd: str) -> None:
+    text = HOUSE.format(mtl="").lstrip()
+    assert plain in text
+    (tmp_path / "plain.obj").write_text(text)
+    (tmp_path / "odd.obj").write_bytes(text.replace(plain, odd).encode())
+    pieces, others = (read_mesh(tmp_path / f"{name}.obj") for name in ("plain", "odd"))
+    for piece, other in zip(pieces, others, strict=True):
+        assert piece.keys[0] == other.keys[0]
+        np.testing.assert_array_equal(piece.vertices_m[piece.faces], other.vertices_m[other.faces])
+
+
 @pytest.mark.parametrize("mtl", ["", "mtllib none.mtl", "mtllib half.mtl"])
 def test_obj_groups_keep_their_material_names(tmp_path: Path, mtl: str) -> None:
     """Groups keep them with no .mtl at all, with one that is not there, and with one that lacks a material."""

@@ -103,10 +103,14 @@ KEYS: dict[str, dict[str, Any]] = {
     "straight": {"lanes": 2, "bend_deg": (0.0, 0.0)},
     "loop": LOOP,
     "junctions": LOOP | {"corners": "junctions"},
+    "queues": {"length_m": 300.0, "lanes": 3, "bend_spacing_m": (10.0, 20.0), "oncoming_gap_m": (5.0, 10.0)}
+    | {"bend_radius_m": (20.0, 22.0), "bend_deg": (60.0, 60.0)},
 }
+CASES = [(name, seed) for name in KEYS for seed in (6, 7) if name != "queues"]
 
 
-@pytest.mark.parametrize(("name", "seed"), chosen(1, [(name, seed) for name in KEYS for seed in (6, 7)]))
+# On seed 3 the gaps of the middle line were too small for a queue on an inner lane.
+@pytest.mark.parametrize(("name", "seed"), [*chosen(1, CASES), ("queues", 3)])
 def test_nobody_stands_in_another(name: str, seed: int) -> None:
     """All pairs of bodies, moving ones too, every half second of a minute."""
     everyone = {"stop_share": 1.0, "zebra_share": 1.0, "shown_m": 100.0}

@@ -132,6 +132,21 @@ def test_what_sumo_drops_is_said(town: tuple[Path, Path], tmp_path: Path) -> Non
         network_scene(tmp_path / "town.sumocfg", "sumo", StreetFile())
 
 
+def test_outputs_of_a_configuration_change_nothing(town: tuple[Path, Path], tmp_path: Path) -> None:
+    """Times as 00:00:01, places in degrees, a prefix of all files' names, and columns without angles and types."""
+    for path in town[0].parent.glob("town.*"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    output = '<output-prefix value="a_"/><fcd-output.geo value="1"/><fcd-output.attributes value="x,y"/>'
+    other = f'<output>{output}</output><report><human-readable-time value="1"/></report></configuration>'
+    path = tmp_path / "town.sumocfg"
+    path.write_text(path.read_text().replace("</configuration>", other))
+    (expected, _), (own, _) = (
+        sumo.simulate(sumo.read_scenario(file), ego="line_7", shown_m=50.0, folder=file.parent)
+        for file in (town[0], path)
+    )
+    assert (own.kind, own.rows) == ("bus", expected.rows)
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="memory has no limit there")
 def test_a_road_of_too_many_pieces_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """An arc of a million kilometres in pieces of a metre, of which 1 GiB holds a part."""

@@ -2,6 +2,8 @@
 
 import itertools
 import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -116,6 +118,22 @@ def test_drivers_brake_evenly_before_bends_and_alike_from_both_sides() -> None:
         np.testing.assert_allclose(np.interp(way_m - 260.0, back_m, other_m_s), limit_m_s, rtol=0.03)
 
 
+@pytest.mark.parametrize("loop", [False, True])
+@pytest.mark.parametrize("left_m", [-8.0, 4.8])
+def test_the_way_along_a_lane_is_that_of_its_places_and_leads_back(left_m: float, *, loop: bool) -> None:
+    """Reference: sums of short chords between places of the lane, two laps of a loop, to a millimetre."""
+    file = StreetFile(length_m=500.0, bend_radius_m=(20.0, 25.0), bend_deg=(40.0, 60.0), loop=loop)
+    random = np.random.default_rng(3)
+    line = lines.close(file, 8.0, random) if loop else lines.wind(file, -20.0, 520.0, random)
+    way_m = np.arange(0.0, 1000.0 if loop else 500.0, 0.1)
+    chord_m = np.hypot(*np.diff(line.at(way_m, np.full(len(way_m), left_m))[:, :2], axis=0).T)
+    beside_m = line.way_beside_m(way_m, left_m)
+    np.testing.assert_allclose(beside_m[0], 0.0, atol=1e-9)
+    np.testing.assert_allclose(beside_m[1:], np.cumsum(chord_m), atol=1e-3)
+    np.testing.assert_allclose(line.way_from_beside_m(beside_m, left_m), way_m, atol=1e-6)
+    assert np.abs(beside_m - way_m).max() > 1.0
+
+
 def test_points_of_a_line_are_on_it_and_straight_between_and_have_its_heights() -> None:
     line = lines.CentreLine([(50.0, 0.0, 0.0), (20.0, 0.0, 0.05), (20.0, 0.05, 0.0), (30.0, 0.0, 0.0)], 0.0)
     profile = lines.Profile(np.array([0.0, 60.0, 120.0]), np.array([0.0, 0.1, 0.0]))
@@ -219,6 +237,20 @@ def test_who_walks_up_and_down_goes_round_at_an_even_pace_and_looks_ahead() -> N
     ahead = np.stack([np.cos(np.radians(yaw_deg)), np.sin(np.radians(yaw_deg))])[:, 1:]
     assert ((step_m * ahead).sum(axis=0) > 0.99 * np.hypot(*step_m)).all()
     np.testing.assert_allclose([y_m.max(), y_m.min()], [layout.walk_m(1), layout.walk_m(-1)], atol=1e-4)
+
+
+@pytest.mark.parametrize("speed_m_s", driven.WALK_M_S)
+def test_people_slow_down_to_turn(speed_m_s: float) -> None:
+    """Reference: v / sqrt(1 + (0.9 m / r)^2) on half circles of 0.35 m, 1 m/s2 before and behind, v elsewhere."""
+    way_m, at_s = driven._round_times(20.0, 0.35, speed_m_s)
+    assert way_m[-1] == pytest.approx(40.0 + 0.7 * np.pi)
+    pace_m_s = np.gradient(way_m, at_s)
+    turning_m_s = speed_m_s / np.sqrt(1.0 + (0.9 / 0.35) ** 2)
+    half_m = 20.0 + 0.35 * np.pi
+    near = np.interp([10.0, 20.5, half_m + 10.0, half_m + 20.5], way_m, pace_m_s)
+    np.testing.assert_allclose(near, np.tile([speed_m_s, turning_m_s], 2), rtol=1e-3)
+    assert turning_m_s**2 / 0.35 < speed_m_s**2 / 1.8
+    assert np.abs(np.gradient(pace_m_s, at_s)).max() == pytest.approx(1.0, abs=0.05)
 
 
 def test_people_walk_as_far_to_the_one_end_of_a_block_as_to_the_other() -> None:
@@ -420,6 +452,33 @@ def test_a_vehicle_of_sumo_has_its_middle_behind_its_front() -> None:
     np.testing.assert_allclose(pose, (4.0, 5.0, 0.0, 2.0), atol=1e-12)
 
 
+@pytest.mark.parametrize("keeps_to", [-1.0, 1.0])
+def test_kerbs_of_pavements_are_where_the_road_is(keeps_to: float) -> None:
+    """Lanes begin at the side that traffic keeps to; a road of one direction may have pavements on both sides."""
+
+    def lane(kind: str, y_m: float) -> SimpleNamespace:
+        points_m = [(0.0, y_m, 0.0), (50.0, y_m, 0.0)]
+        return SimpleNamespace(getShape3D=lambda: points_m, getWidth=lambda: 2.0, allows=lambda asked: asked == kind)
+
+    lanes = [lane("pedestrian", 3.0 * keeps_to), lane("bus", 0.0), lane("pedestrian", -3.0 * keeps_to)]
+    node = SimpleNamespace(getType=lambda: "priority")
+    edge = SimpleNamespace(getLanes=lambda: lanes, getToNode=lambda: node, getID=lambda: "a", getSpeed=lambda: 9.0)
+    pavements = [group.line_m for group in sumo._groups(edge) if group.kind == "pavement"]
+    assert len(pavements) == 2
+    for line_m in pavements:
+        assert np.sign(line_m[1, 0] - line_m[0, 0]) == -np.sign(line_m[0, 1]), "the road is to the left"
+
+
+def test_who_rolls_in_sumo_rolls(tmp_path: Path) -> None:
+    """People whose type is of SUMO's class `wheelchair`, which is 1.2 m long by default; all others walk."""
+    (tmp_path / "a.rou.xml").write_text('<routes><vType id="rolls" vClass="wheelchair"/><vType id="slow"/></routes>')
+    types = sumo._types([tmp_path / "a.rou.xml"])
+    people = [ElementTree.Element("person", {"type": kind, "x": "10", "angle": "90"}) for kind in ("rolls", "slow")]
+    (kind, length_m, pose), (other, *_) = (sumo._placed(thing, types) for thing in people)
+    assert (kind, length_m, other) == ("wheelchair", 1.2, "pedestrian")
+    assert pose[0] == pytest.approx(9.4)
+
+
 @pytest.mark.parametrize("streets", [3, 4])
 def test_a_drawn_town_is_a_grid_with_slopes_and_roads_that_spread(streets, tmp_path, monkeypatch):
     """SUMO is not run: slopes of neighbours, two directions of each street, a ring whose pieces go round it once."""
@@ -563,7 +622,10 @@ def test_piers_stand_beside_the_road_below(crossroads: sumo.Network, relief: ter
 
 def test_the_ego_vehicle_brakes_evenly_to_its_end() -> None:
     """v^2 = 2 b s with the braking of drivers, 2 m/s2, and the room to its front."""
-    lane = driven._Lane(0, 1, np.array([90.0]), np.array([20.0]), np.array([20.0]), np.array([4.0]), ["own_car"])
+    line = lines.CentreLine([(1000.0, 0.0, 0.0)], 0.0)
+    lane = driven._Lane(
+        line, 0.0, 1, np.array([90.0]), np.array([20.0]), np.array([20.0]), np.array([4.0]), ["own_car"]
+    )
     driven._stop_at_end(lane, 0, 100.0)
     assert lane.speed_m_s[0] ** 2 == pytest.approx(2.0 * 2.0 * (100.0 + 0.5 * laid.CAR_M[0] - 90.0))
 
@@ -597,7 +659,7 @@ def test_the_ego_vehicle_drives_from_the_origin_to_its_end_and_nobody_through_an
 def test_people_cross_a_zebra_from_kerb_to_kerb_and_come_back() -> None:
     """They wait 1 m behind the kerb, look where they go, and turn round on a loop once they are across."""
     layout = laid.lay_out(StreetFile(length_m=500.0, loop=True))
-    closing = driven._Closing(laid.Crossing(100.0, 2.0, is_zebra=True), 10.0, go_s=[5.0, 60.0])
+    closing = driven._Closing(laid.Crossing(100.0, 2.0, is_zebra=True), {}, 10.0, go_s=[5.0, 60.0])
     time_s = np.arange(0.0, 120.0, 0.1)
     tracks = list(driven._crossing_tracks(layout, closing, time_s, np.random.default_rng(1)))
     assert 1 <= len(tracks) <= 3

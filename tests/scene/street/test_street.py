@@ -89,6 +89,7 @@ def standing_boxes(layout: laid.Layout) -> tuple[np.ndarray, list[str]]:
 
 LOOP = {"loop": True, "laps": 1, "length_m": 900.0}
 JUNCTIONS = LOOP | {"corners": "junctions"}
+STRAIGHT = CentreLine([(1000.0, 0.0, 0.0)], 0.0)
 
 
 @pytest.mark.parametrize(
@@ -185,7 +186,7 @@ def test_drivers_keep_the_gap_of_the_model() -> None:
     np.testing.assert_allclose(rate, 1.5 * (1.0 - 0.4096 - (30.8923 / 50.0) ** 2), atol=1e-4)
     front_m = np.array([0.0, -40.0, -60.0])
     lengths_m = np.array([4.4, 18.0, 2.1])
-    lane = driven._Lane(0, 1, front_m, np.full(3, 8.0), desired_m_s, lengths_m, ["car"] * 3)
+    lane = driven._Lane(STRAIGHT, 0.0, 1, front_m, np.full(3, 8.0), desired_m_s, lengths_m, ["car"] * 3)
     for _ in range(2000):
         lane.step([], 1e7)
     np.testing.assert_allclose(-np.diff(lane.front_m) - lengths_m[:-1], gap_m, rtol=0.01)
@@ -194,7 +195,9 @@ def test_drivers_keep_the_gap_of_the_model() -> None:
 def test_a_closed_line_stops_those_who_can() -> None:
     """One stops, at 10 m/s, within 100 / (2 * 3.5) = 14.3 m: who is 14 m away drives on, who is 15 m away stops."""
     for room_m, stops in ((14.0, False), (15.0, True)):
-        lane = driven._Lane(0, 1, np.array([-room_m]), np.array([10.0]), np.array([10.0]), np.array([4.4]), ["car"])
+        lane = driven._Lane(
+            STRAIGHT, 0.0, 1, np.array([-room_m]), np.array([10.0]), np.array([10.0]), np.array([4.4]), ["car"]
+        )
         for _ in range(200):
             lane.step([0.0], 1e7)
         assert (lane.front_m[0] < 0.0) == stops
@@ -205,9 +208,9 @@ def test_a_crossing_closes_where_the_ego_vehicle_can_stop_and_is_near() -> None:
     """Reference: 25 m at 10 m/s and 2 m/s2: .7 of it and 2 m is too near, and 2 s and 6 m more than it too far."""
     crossing = laid.Crossing(100.0, 2.0, is_zebra=True)
     for room_m, closes in ((19.0, False), (20.0, True), (50.5, True), (51.5, False)):
-        closing = driven._Closing(crossing, 5.0)
         front_m = np.array([crossing.stop_x_m(1) - room_m])
-        ego = driven._Lane(0, 1, front_m, np.array([10.0]), np.array([10.0]), np.array([4.4]), ["car"])
+        ego = driven._Lane(STRAIGHT, 0.0, 1, front_m, np.array([10.0]), np.array([10.0]), np.array([4.4]), ["car"])
+        closing = driven._Closing(crossing, {ego: ego.lines_m(crossing)}, 5.0)
         closing.update(0.0, ego, 0, [ego])
         assert closing.is_closed == closes, room_m
 
@@ -248,9 +251,11 @@ def test_a_loop_closes(corners: str) -> None:
         assert poses[0] | {"time_s": 0} == poses[-1] | {"time_s": 0}
         ego = driven.drive(layout).ego
         speed_m_s, middle_m = np.diff(ego.x_m) / np.diff(ego.time_s), 0.5 * (ego.x_m[1:] + ego.x_m[:-1])
-        wished.append(np.max(speed_m_s**2 * np.abs(layout.line.curvature_per_m(middle_m))) / ASIDE_M_S2)
+        bent, lane_m = layout.line.curvature_per_m(middle_m), layout.lane_m(0, 1)
+        wished.append(np.max(speed_m_s**2 * np.abs(bent) * (1.0 - bent * lane_m)) / ASIDE_M_S2)
         assert ego.x_m[-1] == pytest.approx(2 * 600.0, abs=1e-9)
-    assert 1.0 < max(wished) < 1.6, "the speed follows what the driver wishes for"
+    # Drivers lag behind the wish by up to 1.5; 1.63 where a lane's own bend has 9 m.
+    assert 1.0 < max(wished) < 1.7, "the speed follows what the driver wishes for"
 
 
 def test_the_vehicle_of_a_loop_drives_for_ever(tmp_path: Path) -> None:

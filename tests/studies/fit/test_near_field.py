@@ -105,15 +105,15 @@ def test_noise_of_the_pulses_is_no_misfit_of_the_law() -> None:
 
 
 def test_intervals_of_free_lenses_hold_the_truth() -> None:
-    """Each number is within one sigma in three of ten units at least, and within two in seven: fewer are by a chance of
-    4e-3 and 7e-4.
+    """Each number is within one sigma in three of twelve units at least, and within two in eight: fewer are by a chance
+    of 3.5e-4 and 1.2e-4. Of three and seven in ten it was 2.4e-3 and 7e-4, for each of six numbers.
 
     R0, offset and crossing have correlations of 0.99. Rationale: straight lines between places of the curve gave a
-    minimum at each bend, with an interval of its own; one sigma held K and R0 in two units.
+    minimum at each bend, with an interval of its own; one sigma held K and R0 in two units of ten.
     """
     sensor = load_sensor("os0-128")
     deviations: dict[str, list[float]] = {}
-    for unit in range(10):
+    for unit in range(12):
         truth, sweep = free_lenses(unit, sensor, columns=400)
         fit = fit_near_field(gather_pulses([sweep]), sensor)
         assert fit is not None
@@ -123,4 +123,4 @@ def test_intervals_of_free_lenses_hold_the_truth() -> None:
     for key, far in deviations.items():
         held = [np.sum(np.abs(far) < sigmas) for sigmas in (1.0, 2.0)]
         assert held[0] >= 3, (key, np.round(far, 1))
-        assert held[1] >= 7, (key, np.round(far, 1))
+        assert held[1] >= 8, (key, np.round(far, 1))

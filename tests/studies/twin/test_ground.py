@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers.twins import towards
 
 from lidarscene.studies.twin.ground import farthest_ground_m, ground_plane
 
@@ -17,12 +18,7 @@ def test_a_plane_with_a_wall_behind_it() -> None:
     """7000 beams of 1 cm of noise onto a tilted ground, with a wall at 30 m all around."""
     rng = np.random.default_rng(1)
     elevation, azimuth = np.radians(np.linspace(-25.0, -2.0, 24))[:, None], np.linspace(0.0, 2.0 * np.pi, 300)[None, :]
-    direction = np.stack(
-        np.broadcast_arrays(
-            np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)
-        ),
-        axis=-1,
-    ).reshape(-1, 3)
+    direction = towards(azimuth, elevation).reshape(-1, 3)
     down = 0.02 * direction[:, 0] - direction[:, 2]
     range_m = np.minimum(HEIGHT_M / np.maximum(down, 1e-9), 30.0 / np.hypot(*direction[:, :2].T))
     range_m += rng.normal(0.0, 0.01, range_m.shape)

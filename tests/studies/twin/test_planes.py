@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from helpers.mistakes import told
-from helpers.twins import COLUMNS, RINGS, directions, room, room_sweep
+from helpers.twins import COLUMNS, RINGS, directions, room, room_sweep, towards
 
 from lidarscene.maths.arrays import Numbers
 from lidarscene.maths.pose import Pose
@@ -99,12 +99,7 @@ def test_uneven_rings_end_half_way_to_the_next() -> None:
     """Rings at 10, 8, 2 and -1 degrees, given from below: a ring ends half way to the ring above, and below."""
     elevation = np.radians([-1.0, 2.0, 8.0, 10.0])[:, None]
     azimuth = np.radians(np.arange(0.0, 360.0, 2.0))[None, :]
-    direction = np.stack(
-        np.broadcast_arrays(
-            np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)
-        ),
-        axis=-1,
-    )
+    direction = towards(azimuth, elevation)
     shape = direction.shape[:2]
     grid = align_columns(Sweep(range_m=np.ones(shape), recorded=np.ones(shape, bool), direction=direction))
     np.testing.assert_allclose(np.degrees(grid.above_rad), [1.0, 1.0, 3.0, 1.5])

@@ -112,6 +112,7 @@ def load_shapes(
     """
     root = _parse(path)
     _insert_included(root, path.parent, [])
+    _resolve_aliases(root)
     expand_instances(root, path)
     parameters, plugins = _default_parameters(root), mitsuba_plugins()
     replaced_elements = xml_bsdfs.empty_named_bsdfs(root, path, replaced)
@@ -233,6 +234,16 @@ def _insert_included(element: Element, folder: Path, files: list[Path], depth: i
         inner = _parse(folder / name)
         _insert_included(inner, folder, files, depth + 1)
         element[position : position + 1] = list(inner) if inner.tag == "scene" else [inner]
+
+
+def _resolve_aliases(root: Element) -> None:
+    """Refer by its own id to what has another one by an <alias>, so that each BSDF and group is found by one."""
+    for holder in list(root.iter()):
+        for alias in reversed(holder.findall("alias")):  # one may be of an earlier one
+            for ref in root.iter("ref"):
+                if ref.get("id") == alias.get("as"):
+                    ref.set("id", alias.get("id", ""))
+            holder.remove(alias)
 
 
 def _default_parameters(element: Element) -> dict[str, str]:

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from ...maths.arrays import Lanes, xp
-from ...maths.special import log_gamma, normal_tail, scaled_normal_tail
+from ...maths.special import normal_tail, scaled_normal_tail
 
 
 def log_probability(*, primary: Lanes, total: Lanes, gain: Lanes, ionisation_ratio: Lanes) -> Lanes:
@@ -21,6 +21,8 @@ def log_probability(*, primary: Lanes, total: Lanes, gain: Lanes, ionisation_rat
     n Gamma(m / (1 - k) + 1) / (m (m - n)! Gamma(k m / (1 - k) + n + 1))
     ((1 + k (M - 1)) / M)^(n + k m / (1 - k)) ((1 - k)(M - 1) / M)^(m - n).
     """
+    from scipy.special import gammaln
+
     n, m = np.broadcast_arrays(np.asarray(primary, dtype=float), np.asarray(total, dtype=float))
     k = ionisation_ratio
     possible = m >= n
@@ -31,9 +33,9 @@ def log_probability(*, primary: Lanes, total: Lanes, gain: Lanes, ionisation_rat
     value = (
         np.log(n)
         - np.log(m)
-        + log_gamma(m + through + 1.0)
-        - log_gamma(m - n + 1.0)
-        - log_gamma(through + n + 1.0)
+        + gammaln(m + through + 1.0)
+        - gammaln(m - n + 1.0)
+        - gammaln(through + n + 1.0)
         + (n + through) * math.log((1.0 + k * (gain - 1.0)) / gain)
         + created
     )

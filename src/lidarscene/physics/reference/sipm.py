@@ -6,7 +6,6 @@ Nothing in a render or a study runs this: tests compare with it what does (`lida
 from __future__ import annotations
 
 from ...maths.arrays import Lanes, xp
-from ...maths.special import log_gamma
 from ..electronics.sipm import (
     busy_share_steady_state,
     busy_variance_steady_state,
@@ -66,8 +65,10 @@ def snr_steady_state(
 
 def photon_count_probability(*, photons: Lanes, mean_photons: Lanes) -> Lanes:
     """Probability of k photons in one cycle, (S1): Poisson."""
+    from scipy.special import gammaln
+
     ops = xp(photons, mean_photons)
-    return ops.exp(photons * ops.log(mean_photons) - mean_photons - log_gamma(photons + 1.0))
+    return ops.exp(photons * ops.log(mean_photons) - mean_photons - gammaln(photons + 1.0))
 
 
 def quiet_probability_published(*, photons: Lanes, pde: Lanes, cells: Lanes) -> Lanes:

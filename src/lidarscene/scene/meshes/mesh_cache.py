@@ -112,7 +112,7 @@ class SubMesh:
 LARGEST_BYTES = 2 << 30
 """Largest size of all entries together: some 30 million triangles."""
 
-_LAYOUT = 5
+_LAYOUT = 6
 """Version of an entry's layout and of our own reading; a new number invalidates all old entries."""
 
 

@@ -93,17 +93,30 @@ def _cross(a: Numbers, b: Numbers) -> Numbers:
     return product
 
 
+_OBJ_ODDITIES = {
+    rb"\r\n?": b"\n",
+    rb"^(?:\xef\xbb\xbf[ \t]*|[ \t]+)": b"",
+    rb"^(?!#)([^\\\n]*+)\\\n": rb"\1 ",
+    rb"^(\w+)\t": rb"\1 ",
+    rb"^((?:v|vt|vn|f) [^#\n]*+)#.*": rb"\1",
+}
+"""Choice: what trimesh does not read in OBJ files, and what it reads instead: ends of lines, indents, lines that go on
+in the next one, tabs after the first word, and comments after numbers."""
+
+
 def obj_in_triangles(data: bytes) -> bytes:
-    """The text of an OBJ file with triangles in place of its polygons; one that cannot be read is returned as it is."""
-    if re.search(rb"^[ \t]*f(?:[ \t]+[^\s#]+){4}", data, re.MULTILINE) is None:
+    """The text of an OBJ file with triangles in place of its polygons; only they stay where they cannot be read."""
+    for pattern, text in _OBJ_ODDITIES.items():
+        data = re.sub(pattern, text, data, flags=re.MULTILINE)
+    if re.search(rb"^f(?:[ \t]+\S+){4}", data, re.MULTILINE) is None:
         return data
-    lines = re.sub(rb"\\\r?\n", b" ", data).split(b"\n")
+    lines = data.split(b"\n")
     vertices: list[list[bytes]] = []
     polygons: dict[int, list[bytes]] = {}
     corners: list[int] = []
     try:
         for number, line in enumerate(lines):
-            words = line.partition(b"#")[0].split()
+            words = line.split()
             if words[:1] == [b"v"]:
                 vertices.append(words[1:4])
             elif words[:1] == [b"f"] and len(words) > 4:

@@ -48,6 +48,9 @@ CURVE_SHARE = 0.3
 """Choice: share of a hill in which the slope grows, and in which it falls again: 8 % on 100 m have a radius of
 375 m."""
 
+BESIDE_OFF_M = 1e-6
+"""Accuracy bought: largest last step to a place along a lane, a thousandth of the digits of a file."""
+
 _GAUSS = (0.5 - math.sqrt(0.15), 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.5 + math.sqrt(0.15), 5.0 / 18.0)
 
 Piece = tuple[float, float, float]
@@ -130,15 +133,31 @@ class CentreLine:
         """The same places on the first lap of a loop; unchanged on an open line."""
         return self.begin_m + np.mod(way_m - self.begin_m, self.length_m) if self.is_loop else np.asarray(way_m)
 
-    def curvature_per_m(self, way_m: Numbers) -> Numbers:
-        """Curvature at (n,) places, to the left positive."""
-        return np.interp(self.on_loop(way_m), self.node_m, self._curvature)
+    def curvature_per_m(self, way_m: Numbers, left_m: float = 0.0) -> Numbers:
+        """Curvature k / (1 - k y) at (n,) places, to the left positive, of a line to the left of this."""
+        curvature = np.interp(self.on_loop(way_m), self.node_m, self._curvature)
+        return np.asarray(curvature / (1.0 - curvature * left_m))
+
+    def way_beside_m(self, way_m: Numbers, left_m: float) -> Numbers:
+        """(n,) way along a line to the left of this, s - y times the heading, at places; lap after lap on a loop."""
+        laps = np.floor((way_m - self.begin_m) / self.length_m) if self.is_loop else 0.0
+        heading = self.at(way_m, np.zeros(len(way_m)))[:, 2] + laps * (self._heading[-1] - self._heading[0])
+        return np.asarray(way_m - left_m * heading)
+
+    def way_from_beside_m(self, beside_m: Numbers, left_m: float) -> Numbers:
+        """Inverse of `way_beside_m` by Newton's steps: bends are wider than streets, so that each comes nearer."""
+        way_m = beside_m * self.length_m / np.ptp(self.way_beside_m(self.node_m[[0, -1]], left_m))
+        step_m = np.full(1, np.inf)
+        while np.abs(step_m).max() > BESIDE_OFF_M:
+            slope = 1.0 - self.curvature_per_m(way_m) * left_m
+            step_m = (self.way_beside_m(way_m, left_m) - beside_m) / slope
+            way_m = way_m - step_m
+        return way_m
 
     def sharpest_per_m(self, low_m: float, high_m: float, left_m: float = 0.0) -> float:
-        """Largest curvature between two places, whatever its sign, of a line beside this: k / (1 - k y)."""
+        """Largest curvature between two places, whatever its sign, of a line beside this."""
         way_m = np.append(np.arange(low_m, high_m, NODE_M), high_m)
-        curvature = self.curvature_per_m(way_m)
-        return float(np.abs(curvature / (1.0 - curvature * left_m)).max())
+        return float(np.abs(self.curvature_per_m(way_m, left_m)).max())
 
     def points_m(self, low_m: float, high_m: float, profile: Profile) -> Numbers:
         """(k, 3) points of the line between two places of one lap: straight segments between them are near it."""
@@ -153,13 +172,13 @@ class CentreLine:
         place_m = self.at(way_m, np.zeros(len(way_m)))[:, :2]
         return np.column_stack([place_m, profile.height_m(self.on_loop(way_m))])
 
-    def speed_limit_m_s(self, direction: int) -> tuple[Numbers, Numbers]:
-        """Places along a direction of travel, and the speed there: v^2 k is `ASIDE_M_S2` in bends.
+    def speed_limit_m_s(self, direction: int, left_m: float = 0.0) -> tuple[Numbers, Numbers]:
+        """Places along a direction of travel, and the speed beside them: v^2 k is `ASIDE_M_S2` in bends.
 
         Before them v^2 falls by 2 `BEND_BRAKING_M_S2` with the way.
         """
         way_m = np.arange(self.node_m[0], self.node_m[-1], 1.0)
-        square = ASIDE_M_S2 / np.maximum(np.abs(self.curvature_per_m(way_m)), 1e-4)
+        square = ASIDE_M_S2 / np.maximum(np.abs(self.curvature_per_m(way_m, left_m)), 1e-4)
         if direction < 0:
             way_m, square = -way_m[::-1], square[::-1]
         ahead = np.tile(square, 2 if self.is_loop else 1)

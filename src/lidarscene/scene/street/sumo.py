@@ -56,6 +56,12 @@ SPREAD_M, SPREAD_WAY_M, REFUGE_SHARE = (1.2, 0.8), 20.0, 0.4
 """Choice: half the width of islands between the lanes of a drawn town at its roundabout, and at crossings of other
 junctions; distance over which lanes spread for them; and share of those junctions."""
 
+PLAIN_OUTPUT = (
+    *("--output-prefix", "", "--human-readable-time", "false"),
+    *("--fcd-output.geo", "false", "--fcd-output.attributes", "x,y,z,angle,type,vehicle"),
+)
+"""Arguments of SUMO that undo what a configuration says of its own outputs: names, clocks, degrees and columns."""
+
 TURN_M_S2 = 3.0
 """Choice: acceleration towards the middle of a turn at a junction of a drawn town."""
 
@@ -286,7 +292,7 @@ def read_network(path: Path) -> Network:
         if (end, begin) in ends:
             network.opposite.append((ends[end, begin], edge.getID()))
         ends[begin, end] = edge.getID()
-        groups = list(_groups(edge))
+        groups = _groups(edge)
         network.groups.extend(groups)
         if any(group.kind == "road" for group in groups):
             network.roads[edge.getID()] = edge.getLength()
@@ -309,8 +315,9 @@ def read_network(path: Path) -> Network:
     return network
 
 
-def _groups(edge: Any) -> Iterator[LaneGroup]:
-    """Yield the lanes of an edge, those of one kind side by side together."""
+def _groups(edge: Any) -> list[LaneGroup]:
+    """Lanes of an edge, those of one kind side by side together; the road is to the left of its pavements' lines."""
+    groups: list[LaneGroup] = []
     ends_at_lights = "traffic_light" in edge.getToNode().getType()
     alike = itertools.groupby(edge.getLanes(), key=lambda lane: (_kind(lane), len(lane.getShape3D())))
     for (kind, _), together in alike:
@@ -321,7 +328,14 @@ def _groups(edge: Any) -> Iterator[LaneGroup]:
         # The middle of all lanes between those of the first and of the last.
         share = (0.5 * sum(widths) - 0.5 * widths[0]) / apart_m if apart_m > 0.0 else 0.0
         line_m = _without_repeats(shapes[0] + share * (shapes[-1] - shapes[0]))
-        yield LaneGroup(kind, line_m, widths, edge.getID(), ends_at_lights, edge.getSpeed())
+        groups.append(LaneGroup(kind, line_m, widths, edge.getID(), ends_at_lights, edge.getSpeed()))
+    for number, group in enumerate(groups):
+        neighbours = [near for near in groups[max(number - 1, 0) : number + 2] if near.kind != "pavement"]
+        if group.kind == "pavement" and neighbours:
+            begin_m, ahead_m, road_m = group.line_m[0], group.line_m[:2][-1], neighbours[0].line_m[0]
+            if np.linalg.det([(ahead_m - begin_m)[:2], (road_m - begin_m)[:2]]) < 0.0:
+                groups[number] = group._replace(line_m=group.line_m[::-1])
+    return groups
 
 
 def _kind(lane: Any) -> LaneKind | None:
@@ -494,8 +508,7 @@ def simulate(scenario: Scenario, *, ego: str | None, shown_m: float, folder: Pat
         InputError: if SUMO refuses the scenario, or there is no such vehicle
     """
     output = folder / "fcd.xml"
-    period = ["--device.fcd.period", f"{POSE_S:g}"]
-    fcd = ["--fcd-output", str(output), *period, "--no-step-log"]
+    fcd = ["--fcd-output", str(output), "--device.fcd.period", f"{POSE_S:g}", "--no-step-log", *PLAIN_OUTPUT]
     dropped = [note for note in _run("sumo", [*scenario.arguments, *fcd], scenario.source) if "ignoring" in note]
     if dropped:
         more = f", and {len(dropped) - 1} more" if len(dropped) > 1 else ""
@@ -558,7 +571,7 @@ def _placed(
 ) -> tuple[str, float, tuple[float, float, float, float]]:
     """Class and length of a vehicle or person, and x and y of its middle, yaw [degrees], and height of its front."""
     kind, length_m = types.get(thing.get("type", ""), ("passenger", class_entry("passenger")["length_m"]))
-    if thing.tag == "person":
+    if thing.tag == "person" and kind != "wheelchair":
         kind = "pedestrian"
     yaw_deg = 90.0 - float(thing.get("angle", 0.0))
     back_m = 0.5 * length_m

@@ -10,13 +10,14 @@ is drawn (`tests/scene/street`).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
 from ...maths.arrays import Numbers
+from .centre_line import CentreLine
 from .layout import CAR_M, CROSS_LANE_M, QUEUE_M, Crossing, Layout
 from .polylines import integral
 from .shapes import LANE_ROOM_M, draw_vehicle, vehicle_length_m
@@ -38,6 +39,14 @@ WILLING_M_S2 = 3.5
 
 WALK_M_S = (1.1, 1.6)
 """Choice: slowest and fastest speed of people who walk, of which each draws one."""
+
+CIRCLE_M = 0.9
+"""Source: G. L. Brown, N. Seethapathi and M. Srinivasan, PNAS 118 (2021), 29: people take a circle of radius r at
+1 / sqrt(1 + (r_0 / r)^2) of their speed, so with v^2 / (2 r_0) sideways at most; r_0 as remembered, so assumed."""
+
+SLOWING_M_S2, WALK_STEP_M, BETWEEN_M = 1.0, 0.05, 5.0
+"""Choice: of people who walk: acceleration before and behind a turn, step of their way, and distance of the last from
+the first."""
 
 TURN_S = 2.0
 """Choice: time in which those who have crossed turn round."""
@@ -85,9 +94,11 @@ class Traffic(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class _Lane:
-    """Vehicles on one lane, the first one ahead; places along the direction of travel.
+    """Vehicles on one lane, the first one ahead; places along the direction of travel, by its own way in bends.
 
     Attributes:
+        line: middle of the street
+        y_m: of the lane
         front_m: (n,) place of each vehicle's front, lap after lap on a loop
         speed_m_s: (n,) speed of each vehicle
         desired_m_s: (n,)
@@ -96,7 +107,8 @@ class _Lane:
         limit_m_s: places along the direction, and the speed that bends allow there
     """
 
-    lane: int
+    line: CentreLine
+    y_m: float
     direction: int
     front_m: Numbers
     speed_m_s: Numbers
@@ -106,6 +118,14 @@ class _Lane:
     loop_m: float = math.inf
     limit_m_s: tuple[Numbers, Numbers] = (np.zeros(1), np.full(1, np.inf))
     history: list[Numbers] = field(default_factory=list)
+
+    def way_m(self, *x_m: float) -> list[float]:
+        """Places on the lane, of those along the street."""
+        return (self.direction * self.line.way_beside_m(np.array(x_m), self.y_m)).tolist()
+
+    def lines_m(self, crossing: Crossing) -> list[float]:
+        """Stop line and far edge of a crossing."""
+        return self.way_m(crossing.stop_x_m(self.direction), crossing.stop_x_m(-self.direction))
 
     def step(self, closed_m: Sequence[float], end_m: float) -> None:
         """Drive on for a step; ``closed_m`` are stop lines that are closed, along the direction of travel."""
@@ -169,24 +189,22 @@ class _Closing:
     """A crossing that closes for the ego vehicle: when others go there, and when it opens.
 
     Attributes:
+        lines_m: lane -> its stop line and the far edge
         go_s: times at which others went: once, or once in each lap of a loop
         is_due: whether it closes as the ego vehicle comes near
     """
 
     crossing: Crossing
+    lines_m: Mapping[_Lane, Sequence[float]]
     duration_s: float
     clear_s: float = 0.0
     is_closed: bool = False
     is_due: bool = True
     go_s: list[float] = field(default_factory=list)
 
-    def lines_m(self, direction: int) -> tuple[float, float]:
-        """Stop line and far edge along a direction of travel."""
-        return direction * self.crossing.stop_x_m(direction), direction * self.crossing.stop_x_m(-direction)
-
     def update(self, now_s: float, ego: _Lane, ego_index: int, lanes: Sequence[_Lane]) -> None:
         """Close as the ego vehicle comes near enough to wait, let the others go, and open."""
-        room_m = float(ego.room_m(self.lines_m(1)[0])[ego_index])
+        room_m = float(ego.room_m(self.lines_m[ego][0])[ego_index])
         if not self.is_due:
             self.is_closed = now_s < self.go_s[-1] + self.duration_s + CLEAR_S
             # Again in the next lap, once the ego vehicle is well past it.
@@ -197,7 +215,7 @@ class _Closing:
             braking_m = speed_m_s**2 / (2.0 * BRAKING_M_S2)
             self.is_closed = bool(0.7 * braking_m + 2.0 < room_m < braking_m + 2.0 * speed_m_s + 6.0)
             return
-        clear = all(lane.keeps_clear(*self.lines_m(lane.direction)) for lane in lanes)
+        clear = all(lane.keeps_clear(*self.lines_m[lane]) for lane in lanes)
         self.clear_s = self.clear_s + STEP_S if clear else 0.0
         if self.clear_s >= CLEAR_S:
             self.go_s.append(now_s)
@@ -211,7 +229,10 @@ def drive(layout: Layout) -> Traffic:
     random = np.random.default_rng([file.seed, 2])
     lanes = _fill_lanes(layout, random)
     ego_lane, ego_index = lanes[0], file.ahead
-    closings = _draw_closings(layout, random)
+    closings = _draw_closings(layout, lanes, random)
+    (end_m,) = ego_lane.way_m(way_m)
+    # Of lanes towards -x none is in sight.
+    ends_m = [lane.way_m(layout.end_m - 10.0)[0] if lane.direction > 0 else 1e6 for lane in lanes]
     # All but the ego vehicle go on to the road's end, the oncoming ones beyond all that is shown.
     steps, rested = 0, 0
     while rested < 20 and steps * STEP_S < 20.0 + way_m:
@@ -220,21 +241,19 @@ def drive(layout: Layout) -> Traffic:
         now_s = steps * STEP_S
         for closing in closings:
             closing.update(now_s, ego_lane, ego_index, lanes)
-        for lane in lanes:
-            closed_m = [closing.lines_m(lane.direction)[0] for closing in closings if closing.is_closed]
-            lane.step(closed_m, layout.end_m - 10.0 if lane.direction > 0 else 1e6)
-        _stop_at_end(ego_lane, ego_index, way_m)
+        for lane, last_m in zip(lanes, ends_m, strict=True):
+            lane.step([closing.lines_m[lane][0] for closing in closings if closing.is_closed], last_m)
+        _stop_at_end(ego_lane, ego_index, end_m)
         steps += 1
-        arrived = ego_lane.front_m[ego_index] > way_m - 5.0 and ego_lane.speed_m_s[ego_index] < 0.05
+        arrived = ego_lane.front_m[ego_index] > end_m - 5.0 and ego_lane.speed_m_s[ego_index] < 0.05
         rested = rested + 1 if arrived else 0
     for lane in lanes:
         lane.history.append(lane.front_m)
     time_s = STEP_S * np.arange(steps + 1)
-    ego_x_m = np.array([front_m[ego_index] for front_m in ego_lane.history]) - 0.5 * CAR_M[0]
+    tracks = [track for lane in lanes for track in _vehicle_tracks(lane, time_s)]
+    ego_x_m = tracks.pop(ego_index).x_m  # of the first lane
     if file.loop:  # to where it began, to the last millimetre
-        ego_x_m *= way_m / ego_x_m[-1]
-    tracks = [track for lane in lanes for track in _vehicle_tracks(layout, lane, time_s)]
-    del tracks[ego_index]  # of the first lane
+        ego_x_m = ego_x_m * (way_m / ego_x_m[-1])
     for closing in closings:
         tracks += _crossing_tracks(layout, closing, time_s, random)
     tracks += _walking_tracks(layout, time_s, random)
@@ -252,10 +271,9 @@ def _stop_at_end(lane: _Lane, index: int, end_m: float) -> None:
 
 def _fill_lanes(layout: Layout, random: np.random.Generator) -> list[_Lane]:
     """Place the vehicles of all lanes at time 0; the ego vehicle's lane is the first."""
-    file = layout.file
+    file, line = layout.file, layout.line
     lanes = []
     for direction in (1, -1):
-        limit_m_s = layout.line.speed_limit_m_s(direction)
         for lane in range(file.lanes):
             is_own = direction > 0 and lane == 0
             if is_own:
@@ -266,6 +284,7 @@ def _fill_lanes(layout: Layout, random: np.random.Generator) -> list[_Lane]:
                 reach_m = file.length_m if file.loop else reach_m
                 gaps_m = random.uniform(*file.oncoming_gap_m, int(reach_m / np.mean(file.oncoming_gap_m)) + 1)
             y_m, without = layout.lane_m(lane, direction), ("cyclist",) if is_own else ()
+            loop_m = float(np.ptp(line.way_beside_m(line.node_m[[0, -1]], y_m))) if file.loop else math.inf
             names = [_draw(layout, random, y_m, without=without) for _ in gaps_m]
             if is_own:
                 names[file.ahead] = "own_car"
@@ -274,16 +293,18 @@ def _fill_lanes(layout: Layout, random: np.random.Generator) -> list[_Lane]:
             middle_m = -np.cumsum(gaps_m)
             middle_m += file.shown_m if not is_own else -middle_m[file.ahead]
             if file.loop and not is_own:
-                fits = middle_m > middle_m[0] - file.length_m + 0.5 * (lengths_m[0] + lengths_m) + 8.0
+                fits = middle_m > middle_m[0] - loop_m + 0.5 * (lengths_m[0] + lengths_m) + 8.0
                 middle_m, lengths_m = middle_m[fits], lengths_m[fits]
                 names = [name for name, stays in zip(names, fits, strict=True) if stays]
             desired_m_s = random.uniform(*file.speed_m_s, len(names))
             desired_m_s[["cyclist" in name for name in names]] *= CYCLIST_SHARE
             # The vehicle rests where a loop begins and ends.
             speed_m_s = (0.0 if file.loop and is_own else 0.6) * desired_m_s
-            loop_m = file.length_m if file.loop else math.inf
             front_m = middle_m + 0.5 * lengths_m
-            lanes.append(_Lane(lane, direction, front_m, speed_m_s, desired_m_s, lengths_m, names, loop_m, limit_m_s))
+            vehicles = front_m, speed_m_s, desired_m_s, lengths_m, names
+            places_m, limits_m_s = line.speed_limit_m_s(direction, y_m)
+            limit_m_s = direction * line.way_beside_m(direction * places_m, y_m), limits_m_s
+            lanes.append(_Lane(line, y_m, direction, *vehicles, loop_m, limit_m_s))
     return lanes
 
 
@@ -306,7 +327,7 @@ def _draw(
     )
 
 
-def _draw_closings(layout: Layout, random: np.random.Generator) -> list[_Closing]:
+def _draw_closings(layout: Layout, lanes: Sequence[_Lane], random: np.random.Generator) -> list[_Closing]:
     """Draw the crossings at which the ego vehicle has to wait."""
     closings = []
     for crossing in layout.crossings:
@@ -315,7 +336,7 @@ def _draw_closings(layout: Layout, random: np.random.Generator) -> list[_Closing
         if random.random() < layout.file.stop_share and 30.0 < crossing.x_m < layout.file.length_m - 20.0:
             way_m = 2.0 * layout.kerb_m + 2.0
             duration_s = way_m / WALK_M_S[0] if crossing.is_zebra else _crossing_times(layout)[1]
-            closings.append(_Closing(crossing, duration_s))
+            closings.append(_Closing(crossing, {lane: lane.lines_m(crossing) for lane in lanes}, duration_s))
     return closings
 
 
@@ -333,11 +354,12 @@ def _shown(layout: Layout, track: Track, ego_x_m: Numbers) -> Track | None:
     return track.between(rows[0], rows[-1]) if len(rows) > 1 else None
 
 
-def _vehicle_tracks(layout: Layout, lane: _Lane, time_s: Numbers) -> Iterator[Track]:
+def _vehicle_tracks(lane: _Lane, time_s: Numbers) -> Iterator[Track]:
     """Yield the tracks of the vehicles of a lane."""
     middle_m = lane.direction * (np.array(lane.history) - 0.5 * lane.lengths_m)
-    for name, x_m in zip(lane.names, middle_m.T, strict=True):
-        yield _track(name, time_s, x_m, layout.lane_m(lane.lane, lane.direction), 90.0 - 90.0 * lane.direction)
+    places_m = lane.line.way_from_beside_m(middle_m.ravel(), lane.y_m).reshape(middle_m.shape)
+    for name, x_m in zip(lane.names, places_m.T, strict=True):
+        yield _track(name, time_s, x_m, lane.y_m, 90.0 - 90.0 * lane.direction)
 
 
 def _crossing_tracks(
@@ -377,16 +399,28 @@ def _stop_and_go_m(since_s: Numbers, way_m: float) -> Numbers:
 
 
 def _walking_tracks(layout: Layout, time_s: Numbers, random: np.random.Generator) -> Iterator[Track]:
-    """Yield tracks of people who walk round and round on the pavements of each block, all at one speed there."""
+    """Yield tracks of people who walk round and round on the pavements of each block, all at one pace there."""
     for block in layout.blocks:
         for side in (-1, 1):
             speed_m_s = random.uniform(*WALK_M_S)
             straight_m = block.length_m - 4.0
-            round_m = 2.0 * straight_m + np.pi * (layout.walk_m(1) - layout.walk_m(-1))
-            places_m = np.cumsum(random.uniform(*layout.file.walking_spacing_m, int(round_m / 5.0)))
-            for place_m in places_m[places_m < round_m - 2.0]:
-                x_m, y_m, yaw_deg = _round_walk(layout, np.mod(place_m + speed_m_s * time_s, round_m), straight_m)
+            way_m, at_s = _round_times(straight_m, 0.5 * (layout.walk_m(1) - layout.walk_m(-1)), speed_m_s)
+            places_m = np.cumsum(random.uniform(*layout.file.walking_spacing_m, int(way_m[-1] / 5.0)))
+            for begin_s in np.interp(places_m[places_m < way_m[-1] - BETWEEN_M], way_m, at_s):
+                walked_m = np.interp(np.mod(begin_s + time_s, at_s[-1]), at_s, way_m)
+                x_m, y_m, yaw_deg = _round_walk(layout, walked_m, straight_m)
                 yield _track("walkers", time_s, block.begin_m + 2.0 + x_m, side * y_m, side * yaw_deg)
+
+
+def _round_times(straight_m: float, radius_m: float, speed_m_s: float) -> tuple[Numbers, Numbers]:
+    """Places on a way there and back with half circles between, and when people are there, who are slower in these."""
+    half_m = straight_m + np.pi * radius_m
+    way_m = np.linspace(0.0, 2.0 * half_m, 1 + 2 * math.ceil(half_m / WALK_STEP_M))
+    along_m = np.mod(way_m, half_m)
+    room_m = np.maximum(np.minimum(along_m, straight_m - along_m), 0.0)
+    slowest_m_s = speed_m_s / math.hypot(1.0, CIRCLE_M / radius_m)
+    pace_m_s = np.minimum(np.sqrt(slowest_m_s**2 + 2.0 * SLOWING_M_S2 * room_m), speed_m_s)
+    return way_m, integral(way_m, way_m, 1.0 / pace_m_s)
 
 
 def _round_walk(layout: Layout, way_m: Numbers, straight_m: float) -> tuple[Numbers, Numbers, Numbers]:

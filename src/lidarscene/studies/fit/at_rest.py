@@ -50,6 +50,7 @@ from .tuning import (
     LEAST_OF_STRENGTH,
     LEAST_SLOPE,
     LEAST_STEP_MM,
+    LEAST_STEPS,
     LIGHT_BOUNDS,
     LIGHT_ERROR,
     LIGHT_STARTS,
@@ -250,6 +251,8 @@ def _energy(pixels: PixelsAtRest, sensor: Sensor) -> Law:
         logs = np.where(pixels.strength > 0.0, np.log(pixels.strength), np.nan)
     strength, range_m = np.maximum(np.nanmean(pixels.strength, axis=0), LEAST_OF_STRENGTH), pixels.mean_m
     keys = 2.0 * np.log2([strength, range_m])
+    read = np.unique(pixels.strength[np.isfinite(pixels.strength)])
+    logs[:, strength < LEAST_STEPS * np.min(np.diff(read), initial=np.inf)] = np.nan
     members, recorded = _binned(pixels, keys, np.diff(logs, axis=0) / math.sqrt(2.0))
     terms = np.stack([np.ones_like(range_m), strength**-2.0, range_m**2 / strength])
     if recorded is not None:

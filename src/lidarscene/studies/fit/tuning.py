@@ -160,6 +160,9 @@ LEAST_OF_BIN = 100
 LEAST_OF_STRENGTH = 1e-3
 """Accuracy bought: least strength that is divided by: what reads 0 has no scatter of its own."""
 
+LEAST_STEPS = 8.0
+"""Accuracy bought: least strength in its steps for (T184): of fewer steps, rounded logarithms scatter by no power."""
+
 DITHER = 0.5
 """Source: Widrow and Kollar, Quantization Noise (2008): noise of half a step or more hides where steps are."""
 

@@ -183,17 +183,20 @@ def test_what_is_held_is_a_part_of_the_stated_sigmas(fit: ParameterFit) -> None:
     assert stated[pulse] > 1.0001 * conditional[pulse]
 
 
+def grey_surfaces(group: np.ndarray) -> KnownScene:
+    """Pulses on surfaces of 30 % from 8 to 16 m, by group."""
+    target, range_m = Target(reflectivity=0.3, illuminance_klux=30.0), np.geomspace(8.0, 16.0, len(group))
+    light = echoes_of_plane(published_sensor(), target, range_m)
+    return KnownScene.from_light(light, published_sensor(), group, spot_over_field=0.5)
+
+
 def test_the_information_of_sun_and_power_is_that_of_counts() -> None:
     """Strong echoes of one surface each, well known: Poisson's N'^2 / N of the background, S^2 / V of the signal.
 
     What is expected is what was reported, so that neither asks for a step. What the scatter of the range adds, half of
     its slope's square each, is left: below 3 %.
     """
-    count = 60
-    light = echoes_of_plane(
-        published_sensor(), Target(reflectivity=0.3, illuminance_klux=30.0), np.geomspace(8.0, 16.0, count)
-    )
-    scene = KnownScene.from_light(light, published_sensor(), np.arange(count), spot_over_field=0.5)
+    scene, count = grey_surfaces(np.arange(60)), 60
     values = {"laser.peak_power_w": 0.0, "optics.sun_irradiance_w_m2": 0.0}
     law = predict(scene, values)
     dark = np.asarray(predict(replace(scene, background_w=0.0 * scene.background_w), values).near_ir)
@@ -218,11 +221,7 @@ def test_the_information_of_sun_and_power_is_that_of_counts() -> None:
 
 def test_ranges_that_scatter_as_the_law_says_ask_for_no_other_pulse() -> None:
     """Distances whose square is the capped mean of a normal number's: none; a tenth more asks for a longer pulse."""
-    count = 60
-    light = echoes_of_plane(
-        published_sensor(), Target(reflectivity=0.3, illuminance_klux=30.0), np.geomspace(8.0, 16.0, count)
-    )
-    scene = KnownScene.from_light(light, published_sensor(), np.zeros(count, int), spot_over_field=0.5)
+    scene, count = grey_surfaces(np.zeros(60, int)), 60
     values = {"laser.peak_power_w": 0.0, "scatter_floor": 0.0}
     scene = replace(scene, floor_m=0.02)
     law = predict(scene, values)
