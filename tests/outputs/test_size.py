@@ -2,7 +2,6 @@
 
 import re
 import warnings
-from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
@@ -102,7 +101,7 @@ def test_a_bar_on_a_terminal_alone(monkeypatch: pytest.MonkeyPatch, capsys: pyte
     steps: list[Any] = []
 
     @contextmanager
-    def bar(label: str, total: int) -> Iterator[Any]:
+    def bar(label, total):
         steps.append((label, total))
         yield lambda finished, _: steps.append(finished)
         steps.append("gone")
@@ -132,7 +131,7 @@ def test_long_commands_tell_how_far_they_are(command, run, wall, mi, monkeypatch
     reports: list[tuple[int, int]] = []
 
     @contextmanager
-    def bar(label: str, total: int) -> Iterator[Any]:
+    def bar(label, total):
         yield lambda steps_done, _: reports.append((steps_done, total))
 
     monkeypatch.setattr(terminal, "_bar", bar)
