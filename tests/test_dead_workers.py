@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from helpers.child import FEW_PLUGINS
+from helpers.run_seed import chosen
 from helpers.waiting import PATIENCE_S
 
 TESTS = Path(__file__).parent
@@ -35,7 +36,7 @@ def test_slow(number):
 """
 
 
-@pytest.mark.parametrize("ending", ENDINGS)
+@pytest.mark.parametrize("ending", chosen(1, [*ENDINGS]))
 def test_a_run_ends_with_the_worker_of_a_test(ending: str, tmp_path: Path) -> None:
     """The run has the options of pyproject.toml, and files handed out as by `make test`: at most half of the other
     tests are run, which take ten minutes.

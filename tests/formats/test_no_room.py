@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 from helpers.clouds import small_cloud
 from helpers.formats import file_of, need
+from helpers.run_seed import chosen
 from helpers.waiting import PATIENCE_S, wait_until
 
 from lidarscene.errors import OutputError
@@ -65,7 +66,7 @@ def test_no_room_is_one_line(tmp_path: Path, name: str) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["warm"]
 
 
-@pytest.mark.parametrize("signal_name", ["SIGTERM", "SIGKILL"])
+@pytest.mark.parametrize("signal_name", chosen(1, ["SIGTERM", "SIGKILL"]))
 def test_a_killed_bag_leaves_no_folder(tmp_path: Path, signal_name: str, library: Any) -> None:
     """Asked to end, it cleans up; what no process can clean up is gone after the next write to the name."""
     import signal

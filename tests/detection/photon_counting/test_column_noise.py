@@ -137,7 +137,7 @@ def test_columns_count_less_where_a_surface_leans(step_mm, seed):
 
 
 @pytest.mark.parametrize("step_mm", [0.0, 12.0])
-@pytest.mark.parametrize("photons_of_echo", [25.0, 100.0, 900.0])
+@pytest.mark.parametrize("photons_of_echo", chosen(2, [25.0, 100.0, 900.0]))
 def test_weak_returns_take_more_columns_into_the_mean(photons_of_echo, step_mm, seed):
     """Up to 400 photons the noise is that without the key times S / 400, or 0.18, wherever the surface leans; the
     numbers are the same.

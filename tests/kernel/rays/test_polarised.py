@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers import chain
 from helpers.panes import INDEX, MATERIALS, MIDDLE, mirror_material, pane
+from helpers.run_seed import chosen
 
 from lidarscene.kernel.device import transfer
 from lidarscene.kernel.rays.trace import Firing
@@ -122,7 +123,7 @@ def test_one_pane(theta_deg, angle_deg):
 
 
 @pytest.mark.parametrize("material", ["grey", "retroreflective_sheeting"])
-@pytest.mark.parametrize(("angle_deg", "share"), [(0.0, 1.0), (25.0, 1.0), (110.0, 0.6), (0.0, 0.0)])
+@pytest.mark.parametrize(("angle_deg", "share"), chosen(2, [(0.0, 1.0), (25.0, 1.0), (110.0, 0.6), (0.0, 0.0)]))
 def test_three_panes_by_their_fields(material, angle_deg, share):
     """Planes of incidence at all angles to each other, one pane absorbing. There and back, pane by pane.
 

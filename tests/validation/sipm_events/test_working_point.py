@@ -226,11 +226,13 @@ def crosstalking(*keys, light=WEAK):
 
 @pytest.mark.parametrize(
     ("keys", "options", "shots"),
-    [
-        (["detector.crosstalk=0.25"], {"crosstalk": 0.25}, 1000),
-        (["detector.afterpulse=0.2", "detector.afterpulse_ns=20"], {"afterpulse": 0.2, "afterpulse_s": 20e-9}, 600),
-    ],
-    ids=["crosstalk", "afterpulses"],
+    chosen(
+        1,
+        [
+            (["detector.crosstalk=0.25"], {"crosstalk": 0.25}, 1000),
+            (["detector.afterpulse=0.2", "detector.afterpulse_ns=20"], {"afterpulse": 0.2, "afterpulse_s": 20e-9}, 600),
+        ],
+    ),
 )
 def test_cells_that_fire_others_by_events(keys, options, shots):
     """(T20a) to (T20c) against avalanches one by one, of a quarter of the cells, since each is a step.
