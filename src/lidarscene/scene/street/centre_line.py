@@ -152,7 +152,7 @@ class CentreLine:
             slope = 1.0 - self.curvature_per_m(way_m) * left_m
             step_m = (self.way_beside_m(way_m, left_m) - beside_m) / slope
             way_m = way_m - step_m
-        return way_m
+        return np.asarray(way_m)
 
     def sharpest_per_m(self, low_m: float, high_m: float, left_m: float = 0.0) -> float:
         """Largest curvature between two places, whatever its sign, of a line beside this."""
