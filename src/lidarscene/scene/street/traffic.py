@@ -121,7 +121,7 @@ class _Lane:
 
     def way_m(self, *x_m: float) -> list[float]:
         """Places on the lane, of those along the street."""
-        return list(self.direction * self.line.way_beside_m(np.array(x_m), self.y_m))
+        return [float(each) for each in self.direction * self.line.way_beside_m(np.array(x_m), self.y_m)]
 
     def lines_m(self, crossing: Crossing) -> list[float]:
         """Stop line and far edge of a crossing."""
