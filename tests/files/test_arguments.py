@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers.mistakes import told
 
-from lidarscene.files.arguments import CHECKED_INSIDE, require_type
+from lidarscene.files.arguments import CHECKED_INSIDE, checks_arguments, require_type
 
 File = str | os.PathLike[str]
 
@@ -59,7 +59,8 @@ def test_what_fits(hint: Any, fitting: list[Any], others: list[Any], words: str)
             require_type("count", value, hint)
 
 
-def test_public_methods_are_checked_and_a_value_stands_in_one_line():
+def test_public_methods_are_checked_and_a_value_stands_in_one_line() -> None:
+    @checks_arguments
     class Counter:
         def __init__(self, start: int = 0) -> None:
             self.count = start

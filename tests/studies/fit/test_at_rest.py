@@ -223,7 +223,7 @@ def test_the_interval_of_the_columns_reach_holds_the_truth() -> None:
 def test_what_the_recording_does_not_tell_is_said() -> None:
     """Boards across the beam that are all kept, of a sensor with one channel; and an Ouster without photons."""
     text = "\n".join(line for line in PANDAR.splitlines() if not line.strip('"').startswith(("strong_", "tdc.strong_")))
-    square = pixels(1, number=3000, steepest=0.2)
+    square = pixels(1, steepest=0.2)
     fit = fit_at_rest(read_by(parse_sensor(text, "one channel"), square, 1), text, "one channel")
     assert "no tdc.strong_above" in fit.unknown["tdc.strong_jitter_ps"]
     assert "no surface loses more than 3%" in fit.unknown["tdc.chatter_mhz"]
