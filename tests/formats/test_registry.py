@@ -204,7 +204,8 @@ def test_files_of_other_programs_are_refused(tmp_path: Path, name: str) -> None:
 
         laspy.LasData(laspy.LasHeader(version="1.4", point_format=6)).write(path)
     else:
-        path.write_text("# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nDATA ascii\n")
+        header = "VERSION 0.7\nFIELDS x\nSIZE 4\nTYPE F\nWIDTH 1\nHEIGHT 1\nPOINTS 1\nDATA ascii"
+        path.write_text(f"# .PCD v0.7 - Point Cloud Data file format\n{header}\n1\n")
     with pytest.raises(InputError, match=r"not (a point cloud of|written by) lidarscene"):
         PointCloud.load(path)
 
