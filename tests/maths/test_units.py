@@ -2,6 +2,7 @@
 
 import inspect
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -69,7 +70,12 @@ class Row:
     all_s: tuple[float, ...]
 
     @classmethod
-    def create(cls, times_s, more_s=None, other=0):
+    def create(
+        cls,
+        times_s: Annotated[Sequence[float], Quantity("ns", ge=1, least=2)],
+        more_s: Annotated[Sequence[float] | None, Quantity("us")] = None,
+        other: int = 0,
+    ) -> "Row":
         """Create them from lists."""
         return cls((*times_s, *(more_s or ())))
 
