@@ -12,8 +12,9 @@ import pytest
 from helpers.mistakes import told
 from helpers.recordings import DATA, at128_corrections, hesai_packet, pcap
 
-from lidarscene.recordings.hesai_reader import FORMATS, PacketFormat, format_of
+from lidarscene.recordings.hesai_reader import FORMATS, PacketFormat, format_of, recording_of_scans
 from lidarscene.recordings.opening import open_recording
+from lidarscene.recordings.pcap_reader import packets_of
 from lidarscene.sensor.sensor_file import load_sensor
 
 COUNT = {"AT128": 2000}
@@ -103,15 +104,17 @@ def test_every_model_is_read_with_the_catalogues_beams(tmp_path: Path, layout: P
 
 @pytest.mark.parametrize("stamp_us", [1000, 501_500, 999_500])
 def test_clocks_that_are_not_set_by_each_other(tmp_path: Path, stamp_us: int) -> None:
-    """The recorder's clock begins at a whole second and gains 0.7 ms a packet. The sensor's is half a second away, or
-    passes a second.
+    """The recorder's clock begins at a whole second and gains 0.7 ms a packet. The sensor's is half a second away, also
+    from one turn to the next, or passes a second.
     """
     layout = MODELS["Pandar64"]
-    packets = payloads(layout, np.full(layout.lasers, 500), stamp_us=stamp_us)
-    with open_recording(pcap(tmp_path / "a.pcap", packets)) as recording:
-        time_s = recording[0].time_s
-    assert time_s is not None
-    assert 0.0 < np.ptp(time_s) < 0.01
+    path = pcap(tmp_path / "a.pcap", payloads(layout, np.full(layout.lasers, 500), stamp_us=stamp_us))
+    packets = list(packets_of(path))
+    for count in (6, 3, 2):
+        turns = [packets[first : first + count] for first in range(0, 6, count)]
+        sweeps = list(recording_of_scans(path, None, turns, name=""))
+        time_s = np.concatenate([sweep.start_s + np.ravel(np.asarray(sweep.time_s)) for sweep in sweeps])
+        assert 0.0 < np.nanmax(time_s) - np.nanmin(time_s) < 0.01
 
 
 @pytest.mark.parametrize("name", MODELS)

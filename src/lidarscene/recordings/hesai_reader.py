@@ -314,6 +314,8 @@ def recording_of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequen
     beams = _beams(layout, metadata)
     mode = RETURNS.get(int(_rows(layout, scans[0])["mode"][0]), 1)
     recording_metadata = {"format": name, "sensor": layout.name, "mode": ("single", "dual", "triple")[mode - 1]}
+    first = next(packet for packet in scans[0] if layout.fits(packet.payload))
+    first_late_s = first.time_s - 1e-6 * float(_rows(layout, [first])["stamp"][0])
 
     def read(frame: int) -> Sweep:
         with input_errors(path, folder=True):
@@ -321,7 +323,12 @@ def recording_of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequen
             if not packets:
                 raise ValueError(f"must have packets of a {layout.name} in this turn, got none")
             stamps_s = np.array([packet.time_s for packet in packets])
-            return _sweep(layout, _rows(layout, packets), stamps_s, beams, recording_metadata | {"frame": str(frame)})
+            rows = _rows(layout, packets)
+            # The sensor's clock gives the time within a second, the recorder's clock the second of the first packet.
+            # Where they are half a second apart, each packet by itself would be of one second or of the next.
+            late_s = stamps_s - 1e-6 * rows["stamp"]
+            second = np.rint(first_late_s) + np.rint(late_s - first_late_s)
+            return _sweep(layout, rows, second, beams, recording_metadata | {"frame": str(frame)})
 
     return Recording(path=path, count=len(scans), read=read, metadata=recording_metadata)
 
@@ -413,7 +420,7 @@ def _nominal_beams(layout: PacketFormat) -> BeamCalibration:
 
 
 def _sweep(
-    layout: PacketFormat, rows: Numbers, stamps_s: Numbers, beams: BeamCalibration, metadata: dict[str, str]
+    layout: PacketFormat, rows: Numbers, second: Numbers, beams: BeamCalibration, metadata: dict[str, str]
 ) -> Sweep:
     mode = int(rows["mode"][0])
     returns = RETURNS.get(mode, 1)
@@ -424,13 +431,8 @@ def _sweep(
         first_phase = 1 - (rows["phase"] & 1)
     phase = (first_phase[:, None] + np.arange(firings)) % len(beams.firing_s)
     firing_s = beams.firing_s[phase]
-    # The sensor's clock gives the time within a second, the recorder's clock the second of the first packet. Where they
-    # are half a second apart, each packet by itself would be of one second or of the next.
-    part_s = 1e-6 * rows["stamp"]
-    late_s = stamps_s - part_s
-    second = np.rint(late_s[0]) + np.rint(late_s - late_s[0])
     number = np.arange(firings) - (0 if layout.stamps_first else firings - 1)
-    begin_s = (second + part_s - 1e-6 * layout.stamp_us)[:, None] + layout.cycle_s * number
+    begin_s = (second + 1e-6 * rows["stamp"] - 1e-6 * layout.stamp_us)[:, None] + layout.cycle_s * number
     time_s = begin_s[..., None] + firing_s
     speed_deg_s = layout.speed_deg_s * rows["turns_per_minute"][:, None, None]
     turn_deg = speed_deg_s * (np.nan_to_num(firing_s) - 1e-6 * layout.azimuth_us)
