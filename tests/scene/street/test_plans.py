@@ -119,13 +119,14 @@ def test_drivers_brake_evenly_before_bends_and_alike_from_both_sides() -> None:
 
 
 @pytest.mark.parametrize("loop", [False, True])
-@pytest.mark.parametrize("left_m", [-8.0, 4.8])
+@pytest.mark.parametrize("left_m", [-12.5, 4.8, 12.5])
 def test_the_way_along_a_lane_is_that_of_its_places_and_leads_back(left_m: float, *, loop: bool) -> None:
     """Reference: sums of short chords between places of the lane, two laps of a loop, to a millimetre."""
-    file = StreetFile(length_m=500.0, bend_radius_m=(20.0, 25.0), bend_deg=(40.0, 60.0), loop=loop)
-    random = np.random.default_rng(3)
-    line = lines.close(file, 8.0, random) if loop else lines.wind(file, -20.0, 520.0, random)
-    way_m = np.arange(0.0, 1000.0 if loop else 500.0, 0.1)
+    radii_m, turns_deg = (20.0, 20.0), (60.0, 60.0)
+    file = StreetFile(length_m=400.0, loop=loop, bend_spacing_m=(5.0, 10.0), bend_radius_m=radii_m, bend_deg=turns_deg)
+    random = np.random.default_rng(3)  # of which Newton's steps from afar go to and fro
+    line = lines.close(file, 8.0, random) if loop else lines.wind(file, -20.0, 420.0, random)
+    way_m = np.arange(0.0, 800.0 if loop else 400.0, 0.1)
     chord_m = np.hypot(*np.diff(line.at(way_m, np.full(len(way_m), left_m))[:, :2], axis=0).T)
     beside_m = line.way_beside_m(way_m, left_m)
     np.testing.assert_allclose(beside_m[0], 0.0, atol=1e-9)

@@ -145,8 +145,10 @@ class CentreLine:
         return np.asarray(way_m - left_m * heading)
 
     def way_from_beside_m(self, beside_m: Numbers, left_m: float) -> Numbers:
-        """Inverse of `way_beside_m` by Newton's steps: bends are wider than streets, so that each comes nearer."""
-        way_m = beside_m * self.length_m / np.ptp(self.way_beside_m(self.node_m[[0, -1]], left_m))
+        """Inverse of `way_beside_m` by Newton's steps from between two nodes: from far away they may go to and fro."""
+        nodes_m = self.way_beside_m(self.node_m, left_m)
+        laps = np.floor((beside_m - nodes_m[0]) / np.ptp(nodes_m)) if self.is_loop else 0.0
+        way_m = np.interp(beside_m - laps * np.ptp(nodes_m), nodes_m, self.node_m) + laps * self.length_m
         step_m = np.full(1, np.inf)
         while np.abs(step_m).max() > BESIDE_OFF_M:
             slope = 1.0 - self.curvature_per_m(way_m) * left_m
