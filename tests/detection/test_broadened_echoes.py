@@ -62,7 +62,7 @@ def test_one_ray_of_a_slope_is_measured_as_many(timing: str) -> None:
 def test_intensity_is_the_peak_or_the_energy() -> None:
     """Energy reads what the surface has without the slope's length; a peak as much less as the echo is longer."""
     target, keys = Target(cos_incidence=0.06, reflectivity=1.0), [*BEAM, "laser.slope_broadening=true"]
-    scale = "intensity={kind='range_corrected',reference_m=10}"
+    scale = "intensity={kind='range_corrected', reference_m=10}"
     light = plane.echoes_of_plane(chain.sensor("table1-apd", *keys), target, 60.0)
     peak, energy = (
         np.median(on_a_slope(chain.sensor("table1-apd", *keys, scale, *more), target, 60.0).stops[0].intensity)

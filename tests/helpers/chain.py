@@ -39,8 +39,8 @@ NARROW = raster(0.02, 0.02, 0.01)
 
 
 def words(*overrides: str) -> list[str]:
-    """Overrides one by one, where a text may have several."""
-    return [word for text in overrides for word in re.split(r" (?=[\w.]+=)", text)]
+    """Overrides one by one, where a text may have several; a table in braces is one."""
+    return [word for text in overrides for word in re.split(r" (?=[\w.]+=)(?![^{]*})", text)]
 
 
 def sensor(name: str, *overrides: str) -> Sensor:

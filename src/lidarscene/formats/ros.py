@@ -22,7 +22,7 @@ import numpy as np
 from ..errors import InputError
 from ..files.atomic import atomic_folder, atomic_output, folder_beside
 from ..maths.arrays import Numbers
-from ..maths.pose import Pose
+from ..maths.pose import Pose, is_near
 from ..maths.rotations import quaternion
 from ..sensor.driver import DRIVERS, Driver
 from ..sensor.imu import ImuSamples
@@ -157,7 +157,7 @@ class Bag:
     ) -> None:
         self._path, self._writer, self._layout, self._epoch_ns = path, writer, layout, epoch_ns
         self._topic, self._frame_id = topic, frame_id
-        self._mountings: dict[str, MessageFields] = {}
+        self._mountings: dict[str, tuple[Pose, MessageFields]] = {}
         self._drivers: dict[str, Driver] = {}
         self._vehicle_ns: set[int] = set()
 
@@ -236,12 +236,13 @@ class Bag:
         Raises:
             InputError: for a frame that has another place already
         """
-        placed = _transform(mounting, VEHICLE_FRAME, frame, time_ns)
+        placed = mounting, _transform(mounting, VEHICLE_FRAME, frame, time_ns)
         known = self._mountings.setdefault(frame, placed)
         if known is placed:
             # The last message is all that a late subscriber gets: it has every frame so far.
-            self._write_transforms(STATIC_TRANSFORMS, time_ns, list(self._mountings.values()), qos=LATCHED)
-        elif known["transform"] != placed["transform"]:
+            transforms = [transform for _, transform in self._mountings.values()]
+            self._write_transforms(STATIC_TRANSFORMS, time_ns, transforms, qos=LATCHED)
+        elif not is_near(known[0], mounting):
             raise InputError(
                 f"{os.fspath(self._path)}: frame '{frame}': must have one place on the vehicle, got two; of labels, "
                 "ROS does not tell - from _"

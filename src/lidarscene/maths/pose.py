@@ -121,3 +121,13 @@ def rotation_numbers(w: Lanes, x: Lanes, y: Lanes, z: Lanes) -> tuple[Lanes, ...
         2.0 * (y * z + w * x),
         1.0 - 2.0 * (x * x + y * y),
     )
+
+
+NEAR_M, NEAR_ENTRY = 1e-3, 1e-3
+"""Choice: distance, and difference of a rotation's entries, up to which two poses are taken for one."""
+
+
+def is_near(pose: Pose, other: Pose) -> bool:
+    """Whether two poses are the same but for what nobody places better: a loop closes, a mounting is the one before."""
+    apart_m = float(np.linalg.norm(other.position_m - pose.position_m))
+    return apart_m <= NEAR_M and bool(np.allclose(pose.rotation, other.rotation, rtol=0.0, atol=NEAR_ENTRY))

@@ -17,7 +17,7 @@ from typing import Annotated, Any, Protocol, TypeVar
 import numpy as np
 
 from .arrays import Numbers, frozen
-from .pose import Pose
+from .pose import Pose, is_near
 from .units import Quantity
 
 SMALL_ANGLE_RAD = 1e-4
@@ -418,17 +418,6 @@ class GoingOn(_BeyondEnds):
         )
 
 
-LOOP_M, LOOP_ENTRY = 1e-3, 1e-3
-"""Choice: largest distance between the first and the last pose of a loop, and largest difference of a rotation's
-entries."""
-
-
-def is_loop(first: Pose, last: Pose) -> bool:
-    """Return whether a motion that ends at one pose and begins at the other goes on without a jump."""
-    apart_m = float(np.linalg.norm(last.position_m - first.position_m))
-    return apart_m <= LOOP_M and bool(np.allclose(first.rotation, last.rotation, rtol=0.0, atol=LOOP_ENTRY))
-
-
 _MOST_ROUNDS = 8
 """Choice: rounds of a motion that are kept: frames that follow each other are in one or two."""
 
@@ -451,7 +440,7 @@ class Repeated(_BeyondEnds):
             path = getattr(self.motion, "path", self.motion)
             first, last = (pose_at(path, time_s).position_m for time_s in self.motion.span_s)
             ends = (pose_at(self.motion, time_s) for time_s in self.motion.span_s)
-            self._jumps.append(float(np.linalg.norm(last - first)) > 2.0 or not is_loop(*ends))
+            self._jumps.append(float(np.linalg.norm(last - first)) > 2.0 or not is_near(*ends))
         return self._jumps[0]
 
     def in_frame(self, start_s: float) -> Motion:

@@ -14,8 +14,8 @@ from pydantic import Field, model_validator
 
 from ..errors import InputError
 from ..files.table_model import Number, Table
-from ..maths.pose import Pose
-from ..maths.trajectory import ALWAYS, Course, GoingOn, HeldAtEnds, Motion, Repeated, Riding, Spline, is_loop
+from ..maths.pose import Pose, is_near
+from ..maths.trajectory import ALWAYS, Course, GoingOn, HeldAtEnds, Motion, Repeated, Riding, Spline
 from ..physics.road.suspension import Suspension
 from ..sensor.pose_file import PoseFile
 from .poses import read_poses, spline
@@ -100,7 +100,7 @@ class MotionFile(Table[Course]):
 
     def _unending(self, course: Spline, pose: Pose) -> Motion:
         """Motion of a body on a course by poses; without end if it leaves there, or goes round on a loop."""
-        if self.at_end == "repeat" and is_loop(course.poses[0], course.poses[-1]):
+        if self.at_end == "repeat" and is_near(course.poses[0], course.poses[-1]):
             loop = Spline(time_s=course.time_s, poses=course.poses, closed=True)
             return Repeated(motion=Riding(carrier=loop, pose=pose))
         riding = Riding(carrier=course, pose=pose)
