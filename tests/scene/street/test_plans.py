@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from lidarscene.catalog import shipped_meshes
+from lidarscene.errors import OptionWarning
 from lidarscene.scene.ground_area import Outline
 from lidarscene.scene.street import centre_line as lines
 from lidarscene.scene.street import layout as laid
@@ -478,6 +479,15 @@ def test_who_rolls_in_sumo_rolls(tmp_path: Path) -> None:
     (kind, length_m, pose), (other, *_) = (sumo._placed(thing, types) for thing in people)
     assert (kind, length_m, other) == ("wheelchair", 1.2, "pedestrian")
     assert pose[0] == pytest.approx(9.4)
+
+
+def test_traffic_of_the_left_is_told(tmp_path, monkeypatch):
+    """Rationale: netconvert takes no notice of OpenDRIVE's rule, and vehicles drove on the right without a word."""
+    monkeypatch.setattr(sumo, "_run", lambda *_: [])
+    monkeypatch.setattr(sumo, "_home", lambda: tmp_path)
+    (tmp_path / "left.xodr").write_text('<OpenDRIVE><road rule="LHT"/></OpenDRIVE>')
+    with pytest.warns(OptionWarning, match=r"left\.xodr: .*\(rule LHT\)"):
+        sumo.convert(tmp_path / "left.xodr", "opendrive", tmp_path)
 
 
 @pytest.mark.parametrize("streets", [3, 4])

@@ -167,6 +167,8 @@ def convert(map_file: Path, kind: Literal["opendrive", "osm"], folder: Path) -> 
         InputError: if it cannot be converted
     """
     require_file(map_file)
+    if kind == "opendrive" and b'rule="LHT"' in map_file.read_bytes():
+        warn(OptionWarning("{0}: traffic keeps to the left there (rule LHT), and is put on the right here", map_file))
     network = folder / "converted.net.xml"
     maps = _home() / "data" / "typemap"
     types = ",".join(str(maps / f"opendriveNetconvert{kind}.typ.xml") for kind in ("", "Pedestrians", "Bicycle"))
