@@ -110,7 +110,8 @@ def on_device(light: Any) -> EchoTrain:
     }
     if light.volume is not None:
         air = light.volume
-        upload["volume"] = replace(air, scale=transfer.from_numpy(air.scale), end_m=transfer.from_numpy(air.end_m))
+        scale, end_m, *edge = map(transfer.from_numpy, (air.scale, air.end_m, *(air.edge or ())))
+        upload["volume"] = replace(air, scale=scale, end_m=end_m, edge=(edge[0], edge[1]) if edge else None)
     on_the_device: EchoTrain = replace(light, **upload)
     return on_the_device
 

@@ -68,7 +68,10 @@ def test_fog_behind_a_high_pass():
 
 
 def test_drops_are_lit_before_the_surface_only(monkeypatch):
-    """None is lit behind the pulse's end. Two kinds of particles have places of their own."""
+    """None is lit behind the pulse's end. Two kinds of particles have places of their own.
+
+    Behind an edge that takes 0.3 of the light 0.7 are lit, at 6e-7.
+    """
     drops.as_bright_as_their_faces(monkeypatch)
     pulse = np.arange(4000, dtype=np.uint32)
     _, air, _ = lit_air(RAIN, *BEAM)
@@ -82,6 +85,11 @@ def test_drops_are_lit_before_the_surface_only(monkeypatch):
     assert (ranges > 8.0).mean() > 0.01
     assert (powers[ranges > 8.0] == 0.0).all()
     assert (powers[ranges < 8.0] > 0.0).mean() > 0.3
+    edge = np.full(len(pulse), 4.0), np.full(len(pulse), 0.3)
+    parted = np.stack([echo.peak_power_w for echo in air.sub_echoes(**lanes, edge=edge)])
+    np.testing.assert_array_equal(parted[ranges < 4.0], powers[ranges < 4.0])
+    behind = parted[(ranges > 4.0) & (powers > 0.0)] > 0.0
+    assert abs(behind.mean() - 0.7) < 5.0 * np.sqrt(0.3 * 0.7 / len(behind))
     twice = dataclasses.replace(air, particles=((tables, "rain"), (tables, "snow")))
     first, second = np.split(np.stack([echo.range_m for echo in twice.sub_echoes(**lanes)]), 2)
     np.testing.assert_array_equal(first, ranges)

@@ -59,9 +59,19 @@ def test_a_pulse_is_the_weighted_sum_of_its_rays(halo):
     assert not join_echoes(missed, BEAMS, rays=RAYS).has_surface.any()
 
 
-@pytest.mark.parametrize(("halo", "ends_m"), [(False, [150.0, 150.0]), (True, [30.0, 150.0])])
-def test_air_ends_where_the_last_ray_of_the_core_does(halo, ends_m):
-    """A ray that meets nothing lights the air to its end; a halo's do not count. The scale is P_t eta A tau^2."""
+@pytest.mark.parametrize(
+    ("halo", "edges_m", "ends_m"),
+    [
+        (False, [[20.0, 30.0, 150.0, 90.0], [150.0, 150.0, 150.0, 40.0]], [150.0, 150.0]),
+        (True, [[20.0, 30.0], [150.0, 150.0]], [30.0, 150.0]),
+    ],
+)
+def test_air_ends_where_the_rays_of_the_core_do(halo, edges_m, ends_m):
+    """A ray that meets nothing lights the air to its end; a halo's do not count. The scale is P_t eta A tau^2.
+
+    Behind the nearest end the light that stays has the rays' mean of 1 / R, the energy of thin air; a lone ray of four
+    that ends takes a fourth with it.
+    """
     equipped = trains.sensor("table1-apd", "optics.efficiency_laser=0.5")
     light = AirLight(
         shape=LookupTable(np.array([1.0, 0.0])),
@@ -80,4 +90,8 @@ def test_air_ends_where_the_last_ray_of_the_core_does(halo, ends_m):
     skirt = Skirt(count=2, share=0.3, slope=0.01) if halo else None
     volume = join_echoes(paths(), BEAMS, rays=RAYS, skirt=skirt, air=air).volume
     np.testing.assert_array_equal(volume.end_m, ends_m)
+    near_m, share = volume.edge
+    np.testing.assert_array_equal(near_m, np.min(edges_m, axis=1))
+    np.testing.assert_allclose(share / near_m + (1.0 - share) / ends_m, np.mean(1.0 / np.array(edges_m), axis=1))
+    assert share[1] == pytest.approx(0.0 if halo else 0.25)
     np.testing.assert_allclose(volume.scale, 45.0 * 0.5 * 0.8**2 * np.array([2e-3, 3e-3]))

@@ -90,7 +90,9 @@ def test_device_and_numpy_agree(case, mi):
             assert np.quantile(np.abs(stop.amplitude[in_both] / expected_stop.amplitude[in_both] - 1.0), 0.998) < 2e-4
 
 
-def test_fog_agrees(mi):
+@pytest.mark.parametrize("edge", [False, True])
+def test_fog_agrees(edge, mi):
+    """Device and NumPy agree on fog that ends at one surface, or 0.4 of it at a nearer one: the sum of both parts."""
     range_m = np.linspace(0.0, 150.0, 1501)
     shape = echoes.LookupTable((range_m / 3.0) ** 2 / (1.0 + (range_m / 3.0) ** 3) * np.exp(-range_m / 10.0))
     equipped = trains.sensor("table1-apd", "tdc.stops=3", "tdc.walk='raw'")
@@ -103,7 +105,17 @@ def test_fog_agrees(mi):
         end_m=distance.max(axis=1).astype(np.float32),
         extinction_per_m=0.05,
     )
+    if edge:
+        air = dataclasses.replace(air, edge=(distance.min(axis=1).astype(np.float32), np.full(500, 0.4, np.float32)))
     light = trains.train(distance.astype(np.float32), power.astype(np.float32), volume=air)
+    if edge:
+        place, near = np.linspace(-20.0, 20.0, 500), dataclasses.replace(air, end_m=air.edge[0], edge=None)
+        ends = [
+            waveform(dataclasses.replace(light, volume=part), equipped)
+            for part in (near, dataclasses.replace(air, edge=None))
+        ]
+        expected_w = 0.4 * ends[0].air_w(place) + 0.6 * ends[1].air_w(place)
+        np.testing.assert_allclose(waveform(light, equipped).air_w(place), expected_w, rtol=1e-6, atol=1e-15)
     expected, detection = trains.detect(light, equipped), detect_on_device(light, equipped, mi)
     fogs = 0
     for stop, expected_stop in zip(detection.stops, expected.stops, strict=True):

@@ -75,12 +75,13 @@ class AirLight:
         """Name of the medium of each sub-echo, in the order of `sub_echoes`."""
         return tuple(name for tables, name in self.particles for _ in range(tables.count))
 
-    def volume(self, *, scale: Lanes, end_m: Lanes) -> Volume:
+    def volume(self, *, scale: Lanes, end_m: Lanes, edge: tuple[Lanes, Lanes] | None = None) -> Volume:
         """Even light of some pulses.
 
         Args:
             scale: (n,) P_t eta A of each pulse, with the fixed transmittance of the air
-            end_m: (n,) range at which the last of its light meets a surface
+            end_m: as in `light.echoes.Volume`
+            edge: as in `light.echoes.Volume`
         """
         return Volume(
             shape=self.shape,
@@ -89,26 +90,31 @@ class AirLight:
             hump_m=self.hump_m,
             scale=scale,
             end_m=end_m,
+            edge=edge,
             extinction_per_m=self.extinction_per_m,
             highest=self.highest,
         )
 
-    def sub_echoes(self, *, scale: Lanes, end_m: Lanes, seed: Seed, pulse: Lanes) -> list[SubEchoes]:
+    def sub_echoes(
+        self, *, scale: Lanes, end_m: Lanes, edge: tuple[Lanes, Lanes] | None = None, seed: Seed, pulse: Lanes
+    ) -> list[SubEchoes]:
         """Sub-echoes of the drops and flakes that are drawn for each pulse; power 0 behind ``end_m``.
 
         Args:
             scale: (n,) as of `volume`
             end_m: (n,) as of `volume`
+            edge: as of `volume`
             seed: 32-bit frame seed
             pulse: (n,) uint32 pulse numbers
         """
         echoes = []
         # Each kind has random draws of its own, so that snow in a scene does not move the raindrops.
         for number, (tables, _) in enumerate(self.particles):
-            for range_m, strength in hits(tables, seed=seed, pulse=pulse, first_draw=number * _DRAWS_APART):
+            for range_m, strength, aside in hits(tables, seed=seed, pulse=pulse, first_draw=number * _DRAWS_APART):
                 ops = xp(range_m)
-                # The pulse does not light what is behind the surface at which it ends.
-                power = ops.where(range_m < end_m, scale * strength, 0.0)
+                # The pulse does not light what is behind the surface at which its part with the particle ends.
+                end = end_m if edge is None else ops.where(aside < edge[1], edge[0], end_m)
+                power = ops.where(range_m < end, scale * strength, 0.0)
                 echoes.append(SubEchoes(range_m=range_m, peak_power_w=power, count=1))
         return echoes
 

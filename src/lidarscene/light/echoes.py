@@ -124,6 +124,7 @@ class Volume:
         scale: (n,) P_t eta A of each pulse
         end_m: (n,) range at which the last of a pulse's light meets a surface: none comes from behind it
         extinction_per_m: alpha, for the way in which the course ends there
+        edge: (n,) nearer range at which a part of the light meets a surface, and (n,) its share; None: there is none
         highest: (samples,) largest value of V from each of these ranges on; None: not known
     """
 
@@ -133,8 +134,16 @@ class Volume:
     scale: Lanes
     end_m: Lanes
     extinction_per_m: Lanes
+    edge: tuple[Lanes, Lanes] | None = None
     near_m: Lanes = 0.0
     highest: LookupTable | None = None
+
+    @property
+    def ends(self) -> list[tuple[Lanes, Lanes]]:
+        """Each range at which light meets a surface, and the share of the light."""
+        if self.edge is None:
+            return [(self.end_m, 1.0)]
+        return [self.edge, (self.end_m, 1.0 - self.edge[1])]
 
     def along(self, range_m: Lanes) -> Lanes:
         """Place of a range in the course: 0 at the first sample, 1 at the last."""
@@ -226,7 +235,12 @@ class EchoTrain:
             background_power_w=lanes(self.background_power_w),
             volume=None
             if self.volume is None
-            else replace(self.volume, scale=lanes(self.volume.scale), end_m=lanes(self.volume.end_m)),
+            else replace(
+                self.volume,
+                scale=lanes(self.volume.scale),
+                end_m=lanes(self.volume.end_m),
+                edge=self.volume.edge and (lanes(self.volume.edge[0]), lanes(self.volume.edge[1])),
+            ),
             interference=tuple(
                 replace(source, peak_power_w=lanes(source.peak_power_w)) for source in self.interference
             ),

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 
 from ..maths.arrays import Array, Lanes, xp
 from ..maths.random import Seed
@@ -93,10 +94,9 @@ def join_echoes(
         )
         if fluctuation is not None:
             scale = scale * fluctuation.relative_power
-        # One end for all of a pulse's rays: as long as one of them is under way, the air goes on sending light back.
-        end_m = _end_m(first, air.light.far_m, rays, rays if skirt is None else rays - skirt.count)
-        volume = air.light.volume(scale=scale, end_m=end_m)
-        drops = air.light.sub_echoes(scale=scale, end_m=end_m, seed=air.seed, pulse=air.pulse)
+        end_m, edge = _ends(first, air.light.far_m, rays, rays if skirt is None else rays - skirt.count)
+        volume = air.light.volume(scale=scale, end_m=end_m, edge=edge)
+        drops = air.light.sub_echoes(scale=scale, end_m=end_m, edge=edge, seed=air.seed, pulse=air.pulse)
     # A pulse met a surface if any of its rays did, on any of its paths.
     ray_hits = [ops.column(path.has_surface, ray, rays) for path in paths for ray in range(rays)]
     has_surface = ray_hits[0]
@@ -153,15 +153,21 @@ def _join_fluctuations(paths: Sequence[Echoes], weight: Lanes, rays: int) -> Flu
     )
 
 
-def _end_m(path: Echoes, far_m: Lanes, rays: int, core: int) -> Lanes:
-    """Range at which the last of each pulse's ``core`` rays meets a surface, (n,); ``far_m`` if one meets none.
+def _ends(path: Echoes, far_m: Lanes, rays: int, core: int) -> tuple[Lanes, tuple[Lanes, Lanes] | None]:
+    """`Volume.end_m` and `Volume.edge` of each pulse's ``core`` rays; a ray that meets nothing ends at ``far_m``.
 
-    Rays of a halo do not count: the light of the air has no halo.
+    The nearest and the farthest end stand for all: with the share at the nearest for which the rays' mean of 1 / R is
+    theirs, thin air returns the right energy, and two depths are exact (T50). Rays of a halo do not
+    count: the light of the air has no halo.
     """
     ops = xp(path.range_m)
-    # A ray that meets nothing lights the air to the end of the window.
     last = ops.where(path.has_surface, path.range_m, far_m)
-    end = ops.column(last, 0, rays)
-    for ray in range(1, core):
-        end = ops.maximum(end, ops.column(last, ray, rays))
-    return end
+    if core == 1:
+        return ops.column(last, 0, rays), None
+    ends = [ops.column(last, ray, rays) for ray in range(core)]
+    near_m, end_m = reduce(ops.minimum, ends), reduce(ops.maximum, ends)
+    between = 1.0 / near_m - 1.0 / end_m
+    mean = sum(1.0 / end for end in ends) * (1.0 / core) - 1.0 / end_m
+    # Rounding of ranges that barely differ may take the share beyond 0 or 1.
+    share = ops.where(between > 0.0, ops.minimum(ops.maximum(mean, 0.0) / ops.maximum(between, 1e-30), 1.0), 0.0)
+    return end_m, (near_m, share)

@@ -188,12 +188,13 @@ class Waveform:
             start, end = ((edge - self.origin_m) / self.unit_m for edge in self.volume.hump_m)
             lit = self.volume.scale > 0.0
             intervals.append((ops.where(lit, start, FAR), ops.where(lit, end, -FAR)))
-            ended = lit & (self.volume.end_m < self.volume.far_m)
-            steepest = (self.volume.end_m - self.origin_m) / self.unit_m + self.unit_m * (
-                2.0 * self.volume.extinction_per_m + 2.0 / self.volume.end_m
-            )
-            before, behind = (steepest + offset for offset in _FADING)
-            intervals.append((ops.where(ended, before, FAR), ops.where(ended, behind, -FAR)))
+            for end_m, share in self.volume.ends:
+                ended = lit & (end_m < self.volume.far_m) & (share > 0.0)
+                steepest = (end_m - self.origin_m) / self.unit_m + self.unit_m * (
+                    2.0 * self.volume.extinction_per_m + 2.0 / end_m
+                )
+                before, behind = (steepest + offset for offset in _FADING)
+                intervals.append((ops.where(ended, before, FAR), ops.where(ended, behind, -FAR)))
         return intervals
 
 
@@ -347,19 +348,25 @@ def _sample_powers_w(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) -
                 place = place - undershoot.rate
             received += height * np.exp(-0.5 * place * place)
     if pulse_train.volume is not None:
-        scale, end_m = (np.asarray(values)[:, None] for values in (pulse_train.volume.scale, pulse_train.volume.end_m))
+        air = pulse_train.volume
+        scale, end_m, *edge = (np.asarray(values)[:, None] for values in (air.scale, air.end_m, *(air.edge or ())))
         range_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=times)
-        even = _volume_w(replace(pulse_train.volume, scale=scale, end_m=end_m), range_m, sensor.received_fwhm_s)
+        by_pulse = replace(air, scale=scale, end_m=end_m, edge=(edge[0], edge[1]) if edge else None)
+        even = _volume_w(by_pulse, range_m, sensor.received_fwhm_s)
         power, received = power + even * sensor.peak_share, received + even
     return power, received if sensor.receiver.filters else power
 
 
 def _volume_w(air: Volume, range_m: Lanes, fwhm_s: Lanes) -> Lanes:
-    """Power of the air's even light, (n,) W; it ends where the last of a pulse's light meets a surface (T37)."""
+    """Power of the air's even light, (n,) W; it ends where the pulse's light meets surfaces (T37)."""
     ops = xp(range_m, air.scale)
     along = air.along(range_m)
-    unblocked = soft_target.share_before_surface(
-        range_m=range_m, surface_m=air.end_m, extinction_per_m=air.extinction_per_m, fwhm_s=fwhm_s
+    unblocked = sum(
+        share
+        * soft_target.share_before_surface(
+            range_m=range_m, surface_m=end_m, extinction_per_m=air.extinction_per_m, fwhm_s=fwhm_s
+        )
+        for end_m, share in air.ends
     )
     inside = (along > 0.0) & (along < 1.0)
     return ops.where(inside, air.scale * unblocked * air.shape.at(along), 0.0)

@@ -234,6 +234,16 @@ def test_report():
     assert "gain of the best" not in report_text(SIPM, method="differences")
 
 
+def test_report_of_whole_cells_says_that_p_d_has_steps():
+    """The text and the page of binomial counts do, those of the paper's Gaussian do not."""
+    whole = dataclasses.replace(SIPM, detector=dataclasses.replace(SIPM.detector, counting="binomial"))
+    steps = "P_d steps where the threshold passes a whole number of cells"
+    for sensor in (whole, SIPM):
+        assert (steps in report_text(sensor, method="differences")) == (sensor is whole)
+    report = sensitivities.sensitivity_report([("whole", whole)], Conditions())
+    assert steps in report.summary
+
+
 def test_report_says_when_it_is_exact(mi):
     assert "exact, by Dr.Jit" in report_text(APD)
 

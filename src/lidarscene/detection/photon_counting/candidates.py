@@ -143,8 +143,8 @@ def visit_candidates(light: FilteredLight, visit: Visit[S], state: S) -> S:
 def _find_peaks(light: FilteredLight) -> _Peaks:
     """Find the peaks of the expected light behind the filter."""
     ops, wave = light.ops, light.filtered
-    # As many peaks as echoes of one width at most, and those of the air: on its hump, and before its end.
-    most = len(wave.centres) + (2 if wave.volume is not None else 0)
+    # As many peaks as echoes of one width at most, and those of the air: on its hump, and before its ends.
+    most = len(wave.centres) + (1 + len(wave.volume.ends) if wave.volume is not None else 0)
 
     def note(rise: Rise, peaks: _Peaks) -> _Peaks:
         index = ops.int32(ops.minimum(peaks.count, most - 1.0))

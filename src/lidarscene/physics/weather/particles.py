@@ -226,8 +226,8 @@ def medium_backscatter_per_m_sr(
     return np.asarray(ranked.fainter[:, -1])
 
 
-def hits(tables: Strengths, *, seed: Seed, pulse: Lanes, first_draw: int = 0) -> list[tuple[Array, Array]]:
-    """Range and strength of the strongest particles of each pulse, strongest first; strength 0 if there are no more.
+def hits(tables: Strengths, *, seed: Seed, pulse: Lanes, first_draw: int = 0) -> list[tuple[Array, Array, Array]]:
+    """Range, strength and place (0 to 1) across the beam of each pulse's particles, strongest first; then strength 0.
 
     Args:
         seed: as in `maths.random.words`
@@ -243,7 +243,8 @@ def hits(tables: Strengths, *, seed: Seed, pulse: Lanes, first_draw: int = 0) ->
         expected = expected + random.exponential(words[0])
         log_expected = ops.log(expected)
         level = (log_expected - _FIRST_LOG) / (tables.last_log - _FIRST_LOG)
-        range_m = ops.exp(tables.log_range.at(level, random.open_uniform(words[1][0])))
+        along, aside = (random.open_uniform(word) for word in words[1])
+        range_m = ops.exp(tables.log_range.at(level, along))
         strength = ops.where(log_expected <= tables.last_log, ops.exp(tables.log_strength.at(level)), 0.0)
-        particles.append((range_m, strength))
+        particles.append((range_m, strength, aside))
     return particles

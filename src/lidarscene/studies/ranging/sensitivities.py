@@ -311,7 +311,7 @@ def differences(formula: Formula, values: Mapping[str, float]) -> tuple[float, d
 
 def report_text(sensor: Sensor, target: Target, table: SensitivityTable) -> str:
     """Text of the elasticities, plain derivatives where a value is zero, and for an APD the best gain."""
-    text = table_text(table)
+    text = table_text(table) + steps_text(sensor)
     if isinstance(sensor.detector, Apd):  # the one detector with a gain
         best = gain.best_gain(sensor, target, range_m=table.distance_m)
         text += (
@@ -319,6 +319,16 @@ def report_text(sensor: Sensor, target: Target, table: SensitivityTable) -> str:
             f"the present {sensor.detector.gain:g} has {100 * best.snr_share:.1f} % of that SNR"
         )
     return text
+
+
+def steps_text(sensor: Sensor) -> str:
+    """Paragraph on derivatives of counts of whole cells, whose P_d has steps; empty for any other sensor."""
+    if not sensor.detector.counts_whole_cells:
+        return ""
+    return (
+        '\n\ndetector.counting = "binomial": P_d steps where the threshold passes a whole number of cells. '
+        'Exact derivatives leave steps out, differences may span one; "gaussian" has none.'
+    )
 
 
 def table_text(table: SensitivityTable) -> str:
@@ -377,7 +387,7 @@ def sensitivity_report(
         report.add_heading(name)
         report.add_paragraph(
             f"Range {table.range_m:.3f} m at P_d {table.probability:g}; P_d {100 * table.detection_probability:.2f} % "
-            f"at {table.distance_m:.3f} m."
+            f"at {table.distance_m:.3f} m.{steps_text(sensor)}"
         )
         caption = f"Change of the {conditions.range_words} for +1 % of each parameter."
         bars = [(entry["parameter"], entry["range_elasticity"]) for entry in entries]
