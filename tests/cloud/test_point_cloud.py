@@ -226,9 +226,10 @@ def test_repr_is_one_line() -> None:
 
 
 def test_survives_pickle_and_copy() -> None:
-    """Rationale: clouds travel between the processes of a training pipeline."""
-    assert_same(pickle.loads(pickle.dumps(small_cloud())), small_cloud())
-    assert_same(copy.deepcopy(small_cloud()), small_cloud())
+    """Rationale: clouds travel between the processes of a training pipeline, and are as read-only there."""
+    for copied in (pickle.loads(pickle.dumps(small_cloud())), copy.deepcopy(small_cloud()), copy.copy(small_cloud())):
+        assert_same(copied, small_cloud())
+        assert not any(column.flags.writeable for column in copied._arrays().values())
 
 
 @pytest.mark.parametrize("n", [0, 7])

@@ -6,11 +6,13 @@ import socket
 import subprocess
 import sys
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from helpers.mistakes import told
 from helpers.waiting import wait_until
 from helpers.walls import write_moving_rig
 
@@ -18,11 +20,14 @@ from lidarscene.cloud.pixels import images
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.formats import rerun as rerun_format
 from lidarscene.formats.clock import EPOCH, stamp_ns, to_ns
+from lidarscene.formats.cloud_columns import SENSOR_TO_VEHICLE
 from lidarscene.labels.boxes import boxes
+from lidarscene.maths.pose import Pose
 from lidarscene.outputs.output_options import Outputs
 from lidarscene.outputs.record import record
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.scene_file import load_scene
+from lidarscene.sensor.imu import ImuSamples
 from lidarscene.sensor.rig_file import load_rig
 from lidarscene.sensor.sensor_file import load_sensor
 
@@ -131,6 +136,18 @@ def test_the_points_of_merged_sensors_are_in_the_world(mi, tmp_path, monkeypatch
     record(scene, load_rig("rig.toml"), outputs=Outputs("rig.npz", merge=True))
     np.testing.assert_array_equal(np.float32(points["Points3D:positions"]), PointCloud.load("rig.npz").xyz_m)
     assert not any(entity.startswith("/images") for entity in rows)
+
+
+def test_an_entity_has_one_place(street_cloud: PointCloud, tmp_path: Path) -> None:
+    """The sensor `a_imu` and the IMU of `a` are one entity."""
+    pytest.importorskip("rerun")
+    samples = ImuSamples(
+        time_s=np.zeros(0), angular_velocity_rad_s=np.zeros((0, 3)), specific_force_m_s2=np.zeros((0, 3))
+    )
+    cloud = replace(street_cloud, metadata=dict(street_cloud.metadata) | {SENSOR_TO_VEHICLE: "1 0 0 1 0 1 0 0 0 0 1 2"})
+    with told("a_imu | one place"), rerun_format.rerun_frames(tmp_path / "a.rrd") as append:
+        append.append_imu(samples, label="a", mounting=Pose())
+        append(cloud, "a_imu")
 
 
 def test_colours_without_classes_rise_with_the_intensity(street_cloud: Any, tmp_path: Path) -> None:

@@ -188,6 +188,14 @@ def test_topics_and_frames_of_ones_own(tmp_path: Path, library: Any, street_clou
     assert not (tmp_path / "b.mcap").exists()
 
 
+def test_stamps_end_in_2038(tmp_path: Path, library: Any) -> None:
+    """A frame that begins 5e8 s after the scene's second 0, in 2026, would be of 2041."""
+    late = replace(small_cloud(), metadata=small_cloud().metadata | {"frame_start_s": "5e8"})
+    with told("to 2038 | 2267225600 s | epoch"):
+        late.save(tmp_path / "a.mcap")
+    assert not (tmp_path / "a.mcap").exists()
+
+
 def test_no_frame_is_placed_in_itself(tmp_path: Path, library: Any, street_cloud: PointCloud) -> None:
     """A merged cloud in the world, of sensors of no vehicle: its points are in the map already."""
     need("mcap")

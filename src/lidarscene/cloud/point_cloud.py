@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -74,6 +74,11 @@ class _WithoutRays(InputError, AttributeError):
     """Error for a cloud without rays, which ``hasattr`` understands."""
 
 
+def _of_fields(values: dict[str, Any]) -> PointCloud:
+    """Cloud of the fields of one that was checked."""
+    return PointCloud(**values, checked=True)
+
+
 @read_by_name("load_cloud")
 @checks_arguments
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -113,6 +118,10 @@ class PointCloud(_CloudWithRays):
         axes = zip("xyz", self.xyz_m.T, strict=True) if len(self) else ()
         extent = "".join(f"; {name} {values.min():.1f}..{values.max():.1f} m" for name, values in axes)
         return f"PointCloud({counts}{extent}; sensor '{self.metadata.get('sensor', 'unknown')}')"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # NumPy's copies and pickles of read-only arrays can be written to: a new cloud makes them read-only again.
+        return _of_fields, ({field.name: getattr(self, field.name) for field in fields(self)},)
 
     def without_truth(self) -> PointCloud:
         """The same points without truth, as a real sensor would report them."""

@@ -18,11 +18,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..errors import LidarSceneError
+from ..errors import InputError, LidarSceneError
 from ..files.atomic import atomic_output
 from ..files.optional import import_optional
 from ..maths.arrays import Numbers
-from ..maths.pose import Pose
+from ..maths.pose import Pose, is_near
 from ..maths.rotations import quaternion
 from ..sensor.imu import ImuSamples
 from .clock import default_epoch_ns, stamp_ns
@@ -122,7 +122,7 @@ class RerunLog:
     def __init__(self, path: str | os.PathLike[str], stream: Any, epoch_ns: int | None) -> None:
         self._rerun = import_optional("rerun", extra="rerun")
         self._path, self._stream, self._epoch_ns = path, stream, epoch_ns
-        self._mountings: set[str] = set()
+        self._mountings: dict[str, Pose] = {}
         self._colours: dict[str, int] = {}
         self._way_m: list[list[float]] = []
         self._stamps: set[int] = set()
@@ -211,9 +211,15 @@ class RerunLog:
         self._stream.log(f"{WORLD}/vehicle_path", self._rerun.LineStrips3D([self._way_m]))
 
     def _append_mounting(self, entity: str, mounting: Pose) -> None:
-        """Append the place of a sensor on the vehicle, once."""
-        if entity not in self._mountings:
-            self._mountings.add(entity)
+        """Append the place of a sensor or an IMU on the vehicle, once.
+
+        Raises:
+            InputError: for an entity that has another place already
+        """
+        is_new, known = entity not in self._mountings, self._mountings.setdefault(entity, mounting)
+        if not is_near(known, mounting):
+            raise InputError(f"{os.fspath(self._path)}: {entity}: must have one place on the vehicle, got two")
+        if is_new:
             self._stream.log(entity, self._transform(mounting), static=True)
 
     def _append_boxes(self, boxes: Sequence[LabelledBox]) -> None:

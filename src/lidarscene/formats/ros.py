@@ -19,14 +19,14 @@ from typing import Any, cast
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, OptionError
 from ..files.atomic import atomic_folder, atomic_output, folder_beside
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose, is_near
 from ..maths.rotations import quaternion
 from ..sensor.driver import DRIVERS, Driver
 from ..sensor.imu import ImuSamples
-from .clock import default_epoch_ns, stamp_ns
+from .clock import LAST, default_epoch_ns, stamp_ns, to_ns
 from .cloud_columns import Cloud, frame_starts_s, sensor_positions_m
 from .cloud_description import description, library_errors
 from .ros_bag import LATCHED, BagWriter, MessageFields
@@ -411,4 +411,7 @@ def _vector(xyz: Numbers) -> MessageFields:
 
 def _header(time_ns: int, frame: str) -> MessageFields:
     seconds, nanoseconds = divmod(time_ns, 10**9)
+    if abs(time_ns) > to_ns(LAST):
+        message = "bags hold stamps to {0:%Y}, got {1} s after 1970: frames must begin earlier, or {epoch} be earlier"
+        raise OptionError(message, LAST, seconds)
     return {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": frame}
