@@ -21,6 +21,7 @@ from ..errors import InputError, LidarSceneError, OutputError
 from ..files.atomic import atomic_output
 from ..files.inputs import require_file
 from ..maths.arrays import Numbers
+from ..maths.pose import Pose, is_near
 from .cloud_columns import COLUMNS, NAMES, STATUS_NAMES, Cloud, Fields, columns_of
 
 VERSION = 1
@@ -118,6 +119,25 @@ def library_errors(path: str | os.PathLike[str]) -> Iterator[None]:
         if shutil.disk_usage(Path(path).parent).free < NO_ROOM:
             reason = f"No space left on device ({reason})"
         raise OutputError(f"{os.fspath(path)}: cannot be written: {reason}") from error
+
+
+def is_new_place(places: dict[str, Pose], frame: str, place: Pose, *, where: str, note: str = "") -> bool:
+    """Whether a frame had no place on the vehicle yet, which is noted then.
+
+    Args:
+        places: of the frames so far
+        where: begins the error's message
+        note: ends it
+
+    Raises:
+        InputError: for a frame that has another place already
+    """
+    if frame not in places:
+        places[frame] = place
+        return True
+    if not is_near(places[frame], place):
+        raise InputError(f"{where}: must have one place on the vehicle, got two{note}")
+    return False
 
 
 @contextmanager

@@ -18,16 +18,16 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..errors import InputError, LidarSceneError
+from ..errors import LidarSceneError
 from ..files.atomic import atomic_output
 from ..files.optional import import_optional
 from ..maths.arrays import Numbers
-from ..maths.pose import Pose, is_near
+from ..maths.pose import Pose
 from ..maths.rotations import quaternion
 from ..sensor.imu import ImuSamples
 from .clock import default_epoch_ns, stamp_ns
 from .cloud_columns import Cloud, sensor_positions_m
-from .cloud_description import description, library_errors
+from .cloud_description import description, is_new_place, library_errors
 
 TIMELINE, WORLD, VEHICLE, LIDAR = "scene_time", "world", "world/vehicle", "lidar"
 
@@ -216,10 +216,7 @@ class RerunLog:
         Raises:
             InputError: for an entity that has another place already
         """
-        is_new, known = entity not in self._mountings, self._mountings.setdefault(entity, mounting)
-        if not is_near(known, mounting):
-            raise InputError(f"{os.fspath(self._path)}: {entity}: must have one place on the vehicle, got two")
-        if is_new:
+        if is_new_place(self._mountings, entity, mounting, where=f"{os.fspath(self._path)}: {entity}"):
             self._stream.log(entity, self._transform(mounting), static=True)
 
     def _append_boxes(self, boxes: Sequence[LabelledBox]) -> None:

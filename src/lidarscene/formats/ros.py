@@ -22,13 +22,13 @@ import numpy as np
 from ..errors import InputError, OptionError
 from ..files.atomic import atomic_folder, atomic_output, folder_beside
 from ..maths.arrays import Numbers
-from ..maths.pose import Pose, is_near
+from ..maths.pose import Pose
 from ..maths.rotations import quaternion
 from ..sensor.driver import DRIVERS, Driver
 from ..sensor.imu import ImuSamples
 from .clock import LAST, default_epoch_ns, stamp_ns, to_ns
 from .cloud_columns import Cloud, frame_starts_s, sensor_positions_m
-from .cloud_description import description, library_errors
+from .cloud_description import description, is_new_place, library_errors
 from .ros_bag import LATCHED, BagWriter, MessageFields
 
 TRANSFORMS, STATIC_TRANSFORMS = "/tf", "/tf_static"
@@ -157,7 +157,8 @@ class Bag:
     ) -> None:
         self._path, self._writer, self._layout, self._epoch_ns = path, writer, layout, epoch_ns
         self._topic, self._frame_id = topic, frame_id
-        self._mountings: dict[str, tuple[Pose, MessageFields]] = {}
+        self._mountings: dict[str, Pose] = {}
+        self._static: list[MessageFields] = []
         self._drivers: dict[str, Driver] = {}
         self._vehicle_ns: set[int] = set()
 
@@ -236,17 +237,11 @@ class Bag:
         Raises:
             InputError: for a frame that has another place already
         """
-        placed = mounting, _transform(mounting, VEHICLE_FRAME, frame, time_ns)
-        known = self._mountings.setdefault(frame, placed)
-        if known is placed:
+        where, note = f"{os.fspath(self._path)}: frame '{frame}'", "; in labels, ROS does not tell - from _"
+        if is_new_place(self._mountings, frame, mounting, where=where, note=note):
+            self._static.append(_transform(mounting, VEHICLE_FRAME, frame, time_ns))
             # The last message is all that a late subscriber gets: it has every frame so far.
-            transforms = [transform for _, transform in self._mountings.values()]
-            self._write_transforms(STATIC_TRANSFORMS, time_ns, transforms, qos=LATCHED)
-        elif not is_near(known[0], mounting):
-            raise InputError(
-                f"{os.fspath(self._path)}: frame '{frame}': must have one place on the vehicle, got two; of labels, "
-                "ROS does not tell - from _"
-            )
+            self._write_transforms(STATIC_TRANSFORMS, time_ns, self._static, qos=LATCHED)
 
     def _write_transforms(self, topic: str, time_ns: int, transforms: list[MessageFields], *, qos: str = "") -> None:
         self._writer.write(topic, "tf2_msgs/msg/TFMessage", time_ns, {"transforms": transforms}, qos=qos)
