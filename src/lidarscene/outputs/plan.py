@@ -6,6 +6,7 @@ input, is refused there.
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from pathlib import Path
 
 from ..errors import OptionError, OptionWarning, warn
 from ..files.atomic import require_writable
+from ..files.inputs import by_numbers
 from ..formats.cloud_columns import columns_of
 from ..formats.osi import trace_name
 from ..formats.registry import FORMATS, SUFFIXES, Format, formats_with
@@ -213,17 +215,19 @@ def check_writable(plan: Plan, clouds: Sequence[Mapping[str, Path]]) -> None:
 
 def _tell_of_later_frames(paths: Sequence[Path], *, refuse: bool) -> None:
     """Raise OptionError, or warn, where there are frames after this run's last: they are of another run."""
-    last: dict[Path, Path] = {}
-    for path in paths:
-        last[path.parent] = max(path, last.get(path.parent, path))
-    for folder, path in last.items():
-        frame = path.name[: path.name.index(".")]
-        later = sorted(file.name for file in folder.glob(f"[0-9f]*{path.suffix}") if file.name.split(".")[0] > frame)
+
+    def place(file: Path) -> list[tuple[int, str]]:
+        return by_numbers(Path(file.name.split(".")[0]))
+
+    for folder, frames in itertools.groupby(sorted(paths, key=lambda path: path.parent), lambda path: path.parent):
+        last = max(frames, key=place)
+        later = [file for file in folder.glob(f"[0-9f]*{last.suffix}") if place(file) > place(last)]
         if later:
-            told = "{path} {0}: holds {1} of an earlier run, after this run's last frame, {2}; choose another folder"
+            message = "{path} {0}: holds {1} of an earlier run, after this run's last frame, {2}; choose another folder"
+            names = min(later, key=by_numbers).name, last.name
             if refuse:
-                raise OptionError(told, folder, later[0], path.name)
-            warn(OptionWarning(told, folder, later[0], path.name))
+                raise OptionError(message, folder, *names)
+            warn(OptionWarning(message, folder, *names))
 
 
 def _option(key: str) -> str:
