@@ -3,8 +3,9 @@
     python benchmarks/beside_kitti.py FOLDER -o out/beside_kitti.png
 
 FOLDER has frames NNNNNN.bin of KITTI's HDL-64E, such as data/object/training/velodyne of kuixu/kitti_object_vis, which
-are not shipped: neither they nor pictures of them belong into this repository (CC BY-NC-SA 3.0). Each has two strips,
-range on a logarithmic scale and intensity, with as many frames of an `hdl-64e` in streets of different seeds below.
+are not shipped: neither they nor pictures of them belong in this repository (CC BY-NC-SA 3.0). The picture has two
+strips for each frame: range on a logarithmic scale, and intensity. Below are as many frames of an `hdl-64e`, each in a
+street of another seed.
 """
 
 import argparse
@@ -15,6 +16,7 @@ import numpy as np
 from PIL import Image
 
 from lidarscene import load_scene, load_sensor
+from lidarscene.recordings.point_files import rows_of
 from lidarscene.rendering.simulator import Simulator
 
 Array = np.ndarray
@@ -38,10 +40,17 @@ def main() -> None:
     paths = sorted(arguments.folder.glob("*.bin"))
     if not paths:
         parser.error(f"{arguments.folder}: must have files NNNNNN.bin, got none")
-    real = (np.fromfile(path, np.float32).reshape(-1, 4) for path in paths)
-    strips = [strip for rows in (*real, *generated(len(paths))) for strip in strips_of(rows)]
+    strips = [strip for rows in (*map(recorded, paths), *generated(len(paths))) for strip in strips_of(rows)]
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
     Image.fromarray(np.concatenate(strips)).save(arguments.output)
+
+
+def recorded(path: Path) -> Array:
+    """Read x, y, z and intensity of KITTI's points."""
+    try:
+        return np.column_stack(list(rows_of(path, ("x", "y", "z", "intensity")).values()))
+    except ValueError as error:
+        raise SystemExit(f"{path}: {error}") from None
 
 
 def generated(count: int) -> Iterator[Array]:
