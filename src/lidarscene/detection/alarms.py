@@ -31,8 +31,8 @@ _NEVER_S = 1.0
 """Choice: time of an alarm that does not happen: later than any window."""
 
 _STEEP = 2.5
-"""Choice: deviations of the noise above 0 from which on its tail falls as steeply as there: near 0 a Gaussian is flat,
-and the highest of some hundred alarms 3 deviations high."""
+"""Choice: threshold, in deviations of the noise, below which alarms have the tail of this one: near 0 a Gaussian falls
+slowly, and the highest of some hundred alarms is 3 deviations high."""
 
 _DRAWS = 2**16
 """Draws of the jitter for each kind of alarm, from this number on: a pulse has fewer rises, which take those before."""

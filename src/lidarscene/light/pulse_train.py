@@ -157,8 +157,8 @@ def _ends(path: Echoes, far_m: Lanes, rays: int, core: int) -> tuple[Lanes, tupl
     """`Volume.end_m` and `Volume.edge` of each pulse's ``core`` rays; a ray that meets nothing ends at ``far_m``.
 
     The nearest and the farthest end stand for all: with the share at the nearest for which the rays' mean of 1 / R is
-    theirs, thin air returns the right energy, and two depths are exact (T50). Rays of a halo do not
-    count: the light of the air has no halo.
+    theirs, thin air returns the right energy, and two depths are exact (T50). Rays of a halo do not count: the light of
+    the air has no halo.
     """
     ops = xp(path.range_m)
     last = ops.where(path.has_surface, path.range_m, far_m)

@@ -163,13 +163,13 @@ class Travel:
 def _instants(frames: Sequence[Travel]) -> list[Numbers]:
     """Times (n,) of the table of each frame."""
     # What a motion says of all its time it is asked once, however many frames show it.
-    known = {
+    facts = {
         motion: (motion.is_straight, fastest_turn_rad_s(motion), held_ends(motion))
         for motion in dict.fromkeys(motion for frame in frames for motion in frame.motions)
     }
     times = []
     for frame in frames:
-        straight, turns, ends = zip(*(known[motion] for motion in frame.motions), strict=True)
+        straight, turns, ends = zip(*(facts[motion] for motion in frame.motions), strict=True)
         held = held_from_m_s(itertools.chain.from_iterable(ends), frame.start_s, frame.start_s + frame.length_s)
         step_s = STEP_S if max(turns) <= FASTEST_TURN_RAD_S and held <= FASTEST_HELD_M_S else FINE_STEP_S
         # What goes straight on and never turns is exact between two instants.
@@ -199,12 +199,12 @@ def _rows_together(frames: Sequence[Travel], times: Sequence[Numbers]) -> Number
     for numbers, places in rows_by(list(map(tuple, frames_of.values()))).items():
         motions = [every[place] for place in places]
         row_of |= {each: len(row_of) + row for row, each in enumerate(itertools.product(motions, numbers))}
-        own = instants[list(numbers)].ravel()
+        times_s = instants[list(numbers)].ravel()
         # So many together as processors hold in their caches.
-        many = max(_TOGETHER // len(own), 1)
+        many = max(_TOGETHER // len(times_s), 1)
         for first in range(0, len(motions), many):
             part = motions[first : first + many]
-            states = states_of(part, np.broadcast_to(own, (len(part), len(own))))
+            states = states_of(part, np.broadcast_to(times_s, (len(part), len(times_s))))
             parts.append(states.regrouped(len(part) * len(numbers), instants.shape[1]))
     states = States.joined(parts)
     rows = [row_of[motion, number] for number, frame in enumerate(frames) for motion in frame.motions]

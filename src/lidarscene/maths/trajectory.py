@@ -453,8 +453,8 @@ class Repeated(_BeyondEnds):
         first_s, last_s = self.motion.span_s
         period_s = last_s - first_s
         number = math.floor((start_s - first_s) / period_s)
-        if (known := self._rounds.get(number)) is not None:
-            return known
+        if (held := self._rounds.get(number)) is not None:
+            return held
         if len(self._rounds) >= _MOST_ROUNDS:
             self._rounds.clear()
         return self._rounds.setdefault(number, HeldAtEnds(motion=self.motion, delay_s=number * period_s))

@@ -72,11 +72,11 @@ def udp(host: str, port: int) -> Iterator[Callable[[bytes], object]]:
         OutputError: in sending
     """
     try:
-        found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
+        addresses = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
     except (OSError, UnicodeError):
         raise OptionError("{udp} {0}:{1}: no such host", host, port) from None
     # Readers of packets listen for IPv4, and "localhost" may have an address of IPv6 first.
-    family, kind, _, _, address = min(found, key=lambda entry: entry[0] != socket.AF_INET)
+    family, kind, _, _, address = min(addresses, key=lambda entry: entry[0] != socket.AF_INET)
     with socket.socket(family, kind) as sock:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
 

@@ -318,7 +318,7 @@ def _grounds(network: Network, islands: Sequence[Island]) -> list[Tables]:
             of = f"road_{number}", "road", "asphalt" if group.kind == "road" else "concrete"
             grounds.append(_strip(*of, group.line_m, group.width_m, kerb_m=FOOT_M, spacing_m=0.4))
             continue
-        # The kerb is at the side of the road, to the left.
+        # The kerb is on the left, where the road is.
         width_m = group.width_m - KERB_M
         name, line_m = f"pavement_{number}", group.line_m
         grounds += [
