@@ -25,7 +25,7 @@ OBJECTS = {
     "tree": (plants.build, plants.COLOURS),
     **{
         build.__name__: (build, plants.COLOURS)
-        for build in (plants.conifer, plants.poplar, plants.birch, plants.bush, plants.hedge)
+        for build in (plants.conifer, plants.poplar, plants.birch, plants.bush, plants.juniper, plants.hedge)
     },
     **{name: (functools.partial(house.build, style), house.COLOURS) for name, style in house.STYLES.items()},
     "kerb": (roadside.kerb, {"kerb": (0.55, 0.54, 0.52, 1.0)}),

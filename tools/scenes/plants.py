@@ -1,4 +1,4 @@
-"""Plants: a broad-leaved tree, a conifer, a poplar, a birch, a bush and a hedge, of wood and leaves."""
+"""Plants: a broad-leaved tree, a conifer, a poplar, a birch, two bushes and a hedge, of wood and leaves."""
 
 import numpy as np
 from modelling import Mesh, join, tube
@@ -173,6 +173,20 @@ def bush():
         seed=9000,
         stem_m=0.025,
         branches=6,
+    )
+
+
+def juniper():
+    """Part name -> Mesh of a bush like a column, of 1.9 m."""
+    return _crown(
+        height_m=1.9,
+        foot_m=0.05,
+        radii_m=(0.32, 0.32),
+        leaves=900,
+        size_m=(0.035, 0.02),
+        seed=9200,
+        stem_m=0.025,
+        branches=8,
     )
 
 

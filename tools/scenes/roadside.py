@@ -1,4 +1,4 @@
-"""What stands along a road: kerb, traffic signs, lamp post, bollard, fence, bins, and what closes a lane for works."""
+"""What stands along a road: kerb, signs, lamp post, bollard, fence, bins, boxes, posts, and what closes a lane."""
 
 import numpy as np
 from modelling import box, cap, circle, closed_loft, join, lathe, rounded_box, tube
@@ -20,6 +20,9 @@ COLOURS = {
     "cabinet": (0.60, 0.62, 0.58, 1.0),
     "rail": (0.62, 0.63, 0.64, 1.0),
     "wood": (0.40, 0.30, 0.22, 1.0),
+    "box": (0.10, 0.18, 0.45, 1.0),
+    "brick": (0.55, 0.27, 0.20, 1.0),
+    "stone": (0.62, 0.61, 0.58, 1.0),
 }
 SIGNS = {
     "sign": (0.300, 48, 0.0),
@@ -149,6 +152,31 @@ def cabinet():
     return {"cabinet": join(body, box(size_m=(0.30, 0.94, 0.20), centre_m=(0, 0, 0.10)))}
 
 
+def parking_meter():
+    """A parking meter of 1.45 m, its display towards +x."""
+    post = lathe([(0.002, 0.0), (0.090, 0.0), (0.090, 0.02), (0.032, 0.03), (0.032, 1.10), (0.002, 1.11)], segments=14)
+    head = rounded_box(size_m=(0.15, 0.20, 0.37), centre_m=(0, 0, 1.265), radius_m=0.05, corner=2)
+    return {"pole": post, "head": head}
+
+
+def letter_box():
+    """A letter box of 0.53 by 0.51 by 1.27 m on four feet with a round top, like those of the United States."""
+    turn = np.pi * np.arange(13) / 12
+    arch = np.column_stack([0.255 * np.cos(turn), 1.015 + 0.255 * np.sin(turn)])
+    outline = np.vstack([[0.255, 0.15], arch, [-0.255, 0.15]])
+    rings = [np.column_stack([np.full(len(outline), x), outline]) for x in (-0.265, 0.265)]
+    feet = [box(size_m=(0.05, 0.05, 0.15), centre_m=(x, y, 0.075)) for x in (-0.22, 0.22) for y in (-0.21, 0.21)]
+    return {"box": join(closed_loft(np.stack(rings)), *feet)}
+
+
+def gatepost():
+    """A pillar of brick by a gate, 0.36 m wide, with a slab and a low pyramid on top, 1.46 m in all."""
+    pillar = box(size_m=(0.36, 0.36, 1.30), centre_m=(0, 0, 0.65))
+    square = np.array(_CORNERS)
+    top = [np.column_stack([side * square, np.full(4, z)]) for side, z in ((0.46, 1.30), (0.46, 1.36), (0.06, 1.46))]
+    return {"brick": pillar, "stone": closed_loft(np.stack(top))}
+
+
 def power_pole():
     """A wooden pole of 8.5 m with a cross arm and insulators."""
     pole = lathe([(0.002, 0), (0.13, 0), (0.09, 8.5), (0.002, 8.52)], segments=14)
@@ -187,5 +215,19 @@ def guard_rail():
     return {"rail": join(closed_loft(np.stack(rings)), *posts)}
 
 
-FURNITURE = (bollard, fence, dustbin, container, cone, barrier, cabinet, power_pole, traffic_light, guard_rail)
+FURNITURE = (
+    bollard,
+    fence,
+    dustbin,
+    container,
+    cone,
+    barrier,
+    cabinet,
+    parking_meter,
+    letter_box,
+    gatepost,
+    power_pole,
+    traffic_light,
+    guard_rail,
+)
 """Functions that make what stands along a road, under the names of its meshes."""

@@ -34,9 +34,12 @@ SIZES_M = {
     "dustbin": (0.78, 0.58),
     "container": (1.08, 1.38),
     "cabinet": (0.36, 1.0),
+    "letter_box": (0.53, 0.51),
+    "gatepost": (0.46, 0.46),
     "barrier": (0.8, 2.0),
     "cone": (0.31, 0.31),
     "bush": (1.2, 1.2),
+    "juniper": (0.5, 0.5),
 }
 POST_M = (0.32, 0.6)
 """Length and width of meshes; of trees the trunk, and a lamp's arm is overhead."""

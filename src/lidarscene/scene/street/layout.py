@@ -507,8 +507,11 @@ def _build_houses(layout: Layout, block: Block, side: int, district: District, r
 
 
 def _border_garden(layout: Layout, district: District, side: int, x_m: float, width_m: float) -> None:
-    """Place a hedge or a fence along a plot where there is room, with a gap for a gate in its middle."""
+    """Place a hedge or a fence along a plot where there is room, with two posts of a gate in a gap in its middle."""
     y_m, half_m = side * (layout.front_m + BORDER_M), (0.5 * BORDER_STEP_M - 0.005, 0.75 * BORDER_M)
+    for place_m in (x_m + 0.5 * (width_m - GATE_M) + 0.25, x_m + 0.5 * (width_m + GATE_M) - 0.25):
+        if layout.take(place_m, y_m, 0.24, 0.24):
+            layout.add("gateposts", place_m, y_m, 90.0 * side)
     for number in range(int((width_m - GATE_M) // (2.0 * BORDER_STEP_M))):
         away_m = 0.5 * GATE_M + (number + 0.5) * BORDER_STEP_M
         for place_m in (x_m + 0.5 * width_m - away_m, x_m + 0.5 * width_m + away_m):
@@ -529,7 +532,7 @@ def _plant_bushes(layout: Layout, random: np.random.Generator) -> None:
 def drawn_bushes(random: np.random.Generator, begin_m: float, end_m: float) -> Iterator[tuple[float, float, str]]:
     """Yield places along a road for bushes, their distances from its edge, and the names of their bodies."""
     for place_m in spaced(random, BUSH_SPACING_M, begin_m, end_m):
-        yield place_m, random.uniform(*BUSH_ASIDE_M), f"{BUSHES}_{random.integers(len(TREE_SCALES))}"
+        yield place_m, random.uniform(*BUSH_ASIDE_M), random.choice(list(BUSHES))
 
 
 def spaced(

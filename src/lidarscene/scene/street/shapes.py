@@ -22,8 +22,12 @@ LANE_ROOM_M = 0.1
 TREE_SCALES = (0.7, 0.85, 1.0)
 """Choice: scales of a tree's mesh, of which each tree draws one."""
 
-BUSHES = "bushes"
-"""Begin of the names of bushes, of which each draws one of the scales."""
+BUSHES = {
+    f"{name}_{number}": (mesh, scale)
+    for name, mesh in (("bushes", "bush"), ("junipers", "juniper"))
+    for number, scale in enumerate(TREE_SCALES)
+}
+"""Choice: name of a body -> mesh and scale of bushes, of which each is as likely."""
 
 BUSH_SPACING_M, BUSH_ASIDE_M = (4.0, 20.0), (1.5, 6.0)
 """Choice: distance from bush to bush along a street, and of bushes from the edge of a pavement or road."""
@@ -35,7 +39,7 @@ WALKERS = (*PEOPLE, *PEOPLE[:-1], "wheelchair_user")
 """Choice: meshes of those who move all the time, likewise: one of 24 rolls in a wheelchair."""
 
 SIGNS = ("sign", "sign_triangle", "sign_yield", "sign_stop", "sign_diamond", "sign_square")
-FURNITURE = ("dustbin", "container", "cabinet", "power_pole")
+FURNITURE = ("dustbin", "container", "cabinet", "power_pole", "parking_meter", "letter_box")
 """What stands by the kerb besides lamps and signs."""
 
 
@@ -99,8 +103,8 @@ def shapes() -> dict[str, StreetBody]:
             for number, scale in enumerate(TREE_SCALES)
         },
         **{f"{mesh}s": StreetBody(mesh, {}) for mesh in ("hedge", "fence", "guard_rail", *FURNITURE, *SIGNS)},
-        **{f"{BUSHES}_{number}": StreetBody("bush", {}, scale) for number, scale in enumerate(TREE_SCALES)},
-        **{f"{mesh}s": StreetBody(mesh, {}) for mesh in ("lamp_post", "bollard", "cone", "barrier")},
+        **{name: StreetBody(mesh, {}, scale) for name, (mesh, scale) in BUSHES.items()},
+        **{f"{mesh}s": StreetBody(mesh, {}) for mesh in ("lamp_post", "bollard", "cone", "barrier", "gatepost")},
         **{f"pedestrians_{person}": StreetBody(person, {}) for person in PEOPLE},
         **{f"walkers_{person}": StreetBody(person, {}) for person in WALKERS},
         "lights": StreetBody("traffic_light", {}),
