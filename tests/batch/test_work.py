@@ -114,7 +114,7 @@ def test_another_scene_has_a_world_of_its_own_and_another_sun_has_not(
 
     class Compiled:
         def __init__(self, *_: Any, world: object = None, **__: Any) -> None:
-            self.world = self if world is None else world
+            self.world = object() if world is None else world
 
     monkeypatch.setattr(work, "Simulator", Compiled)
     wall = (job_file.parent / "wall.toml").read_text(encoding="utf-8")
@@ -125,8 +125,9 @@ def test_another_scene_has_a_world_of_its_own_and_another_sun_has_not(
     tasks = list(Job.read(job_file).tasks())
     assert len({task.scene.world for task in tasks}) == 4
     assert len({task.scene.digest for task in tasks}) == 8  # under two suns
-    worlds = [work._simulator(task).world for task in tasks]
-    assert len({id(world) for world in worlds}) == 4
+    simulators = [work._simulator(task) for task in tasks]
+    assert len({id(simulator.world) for simulator in simulators}) == 4
+    assert len({id(simulator) for simulator in simulators}) == 8
 
 
 def test_no_more_than_a_few_things_are_kept() -> None:

@@ -144,7 +144,10 @@ def coarse(words):
 
 APD = "table1-apd detector.gain=60 laser.peak_power_w=20 tdc.threshold_to_noise=6 optics.aperture_radius_mm=10"
 CELLS = "table1-sipm detector.statistics='time_domain'"
-BEAM = "table1-apd tdc.stops=2 laser.divergence_mrad={} laser.exit_diameter_mm={}"
+BEAM = (
+    "table1-apd tdc.stops=2 laser.divergence_mrad={} laser.exit_diameter_mm={} detector.radius_mm={} "
+    "laser.energy_spread={}"
+)
 NUMBERS = {
     "receiver and sun": lambda: ((sunny(100.0), coarse("table1-apd")), (sunny(1.0), coarse(APD))),
     "cells": lambda: (
@@ -155,9 +158,9 @@ NUMBERS = {
         (mixed_scene(), prisms(1.0)),
         (mixed_scene(), prisms(2.0, index=[1.6, 1.7], rotation_hz=[10.0, -3.0])),
     ),
-    "three rays, fog and as many drops to draw": lambda: (
-        (wet(300.0, 8.0), coarse(BEAM.format(3, 10))),
-        (wet(200.0, 12.0), coarse(BEAM.format(4, 8))),
+    "three rays, a field of view, fog and as many drops to draw": lambda: (
+        (wet(300.0, 8.0), coarse(BEAM.format(3, 10, 0.1, 0.02))),
+        (wet(200.0, 12.0), coarse(BEAM.format(4, 8, 0.2, 0.03))),
     ),
     "trajectories": lambda: (
         (traffic(), coarse("table1-apd")),
@@ -170,7 +173,7 @@ NUMBERS = {
 def test_other_numbers_compile_nothing(case):
     """Numbers of a scene and of a sensor file are data, in the same world too."""
     (scene, sensor), second = NUMBERS[case]()
-    how = {"rays": 3} if "rays" in case else {}
+    how = {"rays": 3, "background_rays": 7} if "rays" in case else {}
     simulator = Simulator(scene, sensor, **how)
     with launches.launched() as before:
         simulator.render(seed=0, chunk=6000)

@@ -72,10 +72,11 @@ def test_a_vehicle_on_its_side(tmp_path: Path, up: str, suffix: str, taken: str,
 
 
 def test_a_vehicle_on_its_end(tmp_path: Path) -> None:
-    trimesh.creation.box([2.0, 2.3, 4.8]).export(tmp_path / "van.obj")
-    with pytest.warns(OptionWarning, match=r"a vehicle of 2 x 2\.3 x 4\.8 m, with z up, lies .*bodies\.own\.up="):
+    """Also one that would be too long if it lay."""
+    trimesh.creation.box([2.0, 2.3, 31.0]).export(tmp_path / "van.obj")
+    with pytest.warns(OptionWarning, match=r"a vehicle of 2 x 2\.3 x 31 m, with z up, lies .*bodies\.own\.up="):
         body(tmp_path, "van.obj")
-    np.testing.assert_allclose(body(tmp_path, "van.obj", class_name="lift"), [2.0, 2.3, 4.8])
+    np.testing.assert_allclose(body(tmp_path, "van.obj", class_name="lift"), [2.0, 2.3, 31.0])
 
 
 def test_what_is_as_it_should_be_is_not_told(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from helpers import chain
+from helpers.clouds import assert_same_columns
 
 from lidarscene.kernel.device import transfer
 from lidarscene.kernel.device.backend import is_cuda
@@ -138,10 +139,11 @@ def test_the_sun_comes_through_gaps(roofs):
     )
 
 
-def test_another_seed_finds_other_gaps():
+def test_another_seed_finds_other_gaps_and_chunks_do_not():
     described = chain.scene(layer(10.0), layer(20.0, "grey"), materials=(fence(),))
     simulator = Simulator(described, chain.sensor("table1-apd", *GRID), rays=3)
     first, second = simulator.render(seed=1), simulator.render(seed=2)
+    assert_same_columns(first, simulator.render(seed=1, chunk=3000))
     assert len(second) != len(first) or np.any(second.true_range_m != first.true_range_m)
 
 

@@ -629,7 +629,7 @@ def test_what_stands_by_a_network_faces_the_road_and_stands_off_it(crossroads, r
     assert len(houses) >= 2
     assert max(place["position_m"][1] for place in houses) < -6.0 - 0.9 - DISTRICTS[1].garden_m
     assert {place.get("yaw_deg", 0.0) for place in houses} == {90.0}
-    assert all(place["position_m"][1] == -6.45 for place in roadside.items["lamp_posts"])
+    assert {place["position_m"][1] for place in roadside.items["lamp_posts"]} == {-6.45}
 
 
 def test_piers_stand_beside_the_road_below(crossroads: sumo.Network, relief: terrain.Relief) -> None:

@@ -195,12 +195,16 @@ def test_drivers_keep_the_gap_of_the_model() -> None:
     np.testing.assert_allclose(-np.diff(lane.front_m) - lengths_m[:-1], gap_m, rtol=0.01)
 
 
+def one_at_10_m_s(front_m: float, length_m: float = 4.4) -> driven._Lane:
+    """A lane with one vehicle."""
+    pace_m_s = np.array([10.0])
+    return driven._Lane(STRAIGHT, 0.0, 1, np.array([front_m]), pace_m_s, pace_m_s, np.array([length_m]), ["car"])
+
+
 def test_a_closed_line_stops_those_who_can() -> None:
     """One stops, at 10 m/s, within 100 / (2 * 3.5) = 14.3 m: who is 14 m away drives on, who is 15 m away stops."""
     for room_m, stops in ((14.0, False), (15.0, True)):
-        lane = driven._Lane(
-            STRAIGHT, 0.0, 1, np.array([-room_m]), np.array([10.0]), np.array([10.0]), np.array([4.4]), ["car"]
-        )
+        lane = one_at_10_m_s(-room_m)
         for _ in range(200):
             lane.step([0.0], 1e7)
         assert (lane.front_m[0] < 0.0) == stops
@@ -211,11 +215,21 @@ def test_a_crossing_closes_where_the_ego_vehicle_can_stop_and_is_near() -> None:
     """Reference: 25 m at 10 m/s and 2 m/s2: .7 of it and 2 m is too near, and 2 s and 6 m more than it too far."""
     crossing = laid.Crossing(100.0, 2.0, is_zebra=True)
     for room_m, closes in ((19.0, False), (20.0, True), (50.5, True), (51.5, False)):
-        front_m = np.array([crossing.stop_x_m(1) - room_m])
-        ego = driven._Lane(STRAIGHT, 0.0, 1, front_m, np.array([10.0]), np.array([10.0]), np.array([4.4]), ["car"])
+        ego = one_at_10_m_s(crossing.stop_x_m(1) - room_m)
         closing = driven._Closing(crossing, {ego: ego.lines_m(crossing)}, 5.0)
         closing.update(0.0, ego, 0, [ego])
         assert closing.is_closed == closes, room_m
+
+
+def test_others_cross_once_all_have_left_or_can_stop() -> None:
+    """A bus of 12 m leaves a crossing of 10 m with its rear, and stops within 14.3 m before it."""
+    clear, crossing = one_at_10_m_s(-15.0, 12.0), laid.Crossing(0.0, 5.0, is_zebra=True)
+    for front_m, is_clear in ((-15.0, True), (-14.0, False), (21.0, False), (23.0, True)):
+        lane = one_at_10_m_s(front_m, 12.0)
+        closing = driven._Closing(crossing, dict.fromkeys((clear, lane), (0.0, 10.0)), 5.0, is_closed=True)
+        for _ in range(30):
+            closing.update(0.0, clear, 0, [clear, lane])
+        assert closing.go_s == [0.0] * is_clear, front_m
 
 
 def test_who_is_near_for_two_steps_is_shown() -> None:
