@@ -10,6 +10,7 @@ from helpers.child import assert_ended
 from helpers.mistakes import told
 from helpers.recordings import pcap
 
+from lidarscene.errors import OptionWarning
 from lidarscene.recordings.pcap_reader import metadata_of, packets_of, turns_of
 
 
@@ -78,6 +79,15 @@ def test_what_is_no_whole_datagram_is_passed_over(tmp_path: Path) -> None:
     assert payloads_in_capture(tmp_path / "a.pcap", 1, [PLAIN + payload for payload in (*invalid, complete)]) == [
         b"whole"
     ]
+
+
+def test_another_sensor_is_told_and_left_out(tmp_path: Path) -> None:
+    """Two sensors take turns; each sends the same packets, which a bridge captures twice."""
+    one, two = (datagram(b"%d" % number) for number in range(2))
+    other = two[:15] + b"\x07" + two[16:]  # RFC 791: the last byte of the sender
+    with pytest.warns(OptionWarning, match=r"a\.pcap: .* 2 sensors; .* 0\.0\.0\.0 to port 2368, .* 0\.0\.0\.7 to 2368"):
+        found = payloads_in_capture(tmp_path / "a.pcap", 101, [one, one, other, two, two, other, one])
+    assert found == [b"0", b"1", b"0"]
 
 
 def test_what_is_damaged_is_told(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from typing import overload
 
 import numpy as np
 
+from ..errors import OptionWarning, warn
 from ..formats.packets.layouts import FULL_TURN, Packet
 from ..maths.arrays import Numbers
 
@@ -53,15 +54,37 @@ class Packets(Sequence[Packet]):
 
 
 def packets_of(path: Path, predicate: Callable[[bytes], bool] = lambda _: True) -> Packets:
-    """UDP packets whose payload satisfies ``predicate``; ValueError for a file that is no pcap or is cut off."""
+    """UDP packets of one sender whose payload satisfies ``predicate``; ValueError if it is no pcap or is cut off.
+
+    The sender is that of the first such packet, with the port that it sends to; a warning names it if there are others.
+    A packet that follows itself was captured twice, at a bridge and at the port behind it: it counts once.
+    """
     times, starts, stops = array("d"), array("q"), array("q")
-    data = map_file(path)
+    data, last = map_file(path), b""
+    senders: dict[tuple[str, int], None] = {}
     for time_s, link, record in records_of(data):
-        payload = _udp_payload(data, record, link)
-        if payload is not None and predicate(data[payload]):
+        datagram = _udp_datagram(data, record, link)
+        if datagram is None or not predicate(payload := data[datagram[1]]):
+            continue
+        sender, place = datagram
+        senders.setdefault(sender)
+        if sender == next(iter(senders)) and payload != last:
+            last = payload
             times.append(time_s)
-            starts.append(payload.start)
-            stops.append(payload.stop)
+            starts.append(place.start)
+            stops.append(place.stop)
+    if len(senders) > 1:
+        (address, port), *others = senders
+        warn(
+            OptionWarning(
+                "{0}: has packets of {1} sensors; read are those from {2} to port {3}, others are from {4}",
+                path,
+                len(senders),
+                address,
+                port,
+                ", ".join(f"{address} to {port}" for address, port in others),
+            )
+        )
     return Packets(data, *(np.array(values) for values in (times, starts, stops)))
 
 
@@ -109,8 +132,11 @@ def records_of(data: mmap.mmap) -> Iterator[tuple[float, int, slice]]:
         offset, count = start + size, count + 1
 
 
-def _udp_payload(data: mmap.mmap, record: slice, link: int) -> slice | None:
-    """Slice of the payload of a packet of UDP over IPv4; None for other packets and for fragments."""
+def _udp_datagram(data: mmap.mmap, record: slice, link: int) -> tuple[tuple[str, int], slice] | None:
+    """Address of the sender and port of the receiver of a packet of UDP over IPv4, and the slice of its payload.
+
+    None for other packets and for fragments.
+    """
     start, end = record.start, record.stop
     offset = start + _LINK_BYTES[link]
     if link == ETHERNET and data[start + 12 : start + 14] == b"\x81\x00":  # a tag of a virtual network
@@ -119,12 +145,13 @@ def _udp_payload(data: mmap.mmap, record: slice, link: int) -> slice | None:
         return None
     if struct.unpack_from(">H", data, offset + 6)[0] & 0x3FFF:  # more fragments follow, or an offset among them
         return None
+    address = ".".join(str(number) for number in data[offset + 12 : offset + 16])
     offset += 4 * (data[offset] & 15)  # length of the IPv4 header, in words of four bytes
     if end < offset + 8:
         return None
     # UDP counts its own header of eight bytes; a wrong count neither cuts that nor reaches into the next record.
-    length = struct.unpack_from(">H", data, offset + 4)[0]
-    return slice(offset + 8, min(max(offset + length, offset + 8), end))
+    port, length = struct.unpack_from(">HH", data, offset + 2)
+    return (address, port), slice(offset + 8, min(max(offset + length, offset + 8), end))
 
 
 def turns_of(azimuths: Sequence[int] | Numbers) -> list[slice]:
