@@ -242,7 +242,9 @@ def test_faces_of_a_mirror_are_frames(tmp_path: Path) -> None:
     layout = MODELS["AT128"]
     packets = [bytearray(payload) for _ in range(3) for payload in payloads(layout, np.full(128, 500), packets=4)]
     for number, content in enumerate(packets):
-        np.frombuffer(content, layout.dtype)["blocks"]["azimuth"] += np.uint16(12_000 * (number // 4))
+        fields = np.frombuffer(content, layout.dtype)
+        fields["blocks"]["azimuth"] += np.uint16(12_000 * (number // 4))
+        fields["stamp"] += np.uint32(10_000 * (number // 4))
     path = pcap(tmp_path / "a.pcap", [bytes(content) for content in packets])
     with open_recording(path, unit_file(tmp_path, layout)) as recording:
         directions = [sweep.direction for sweep in recording]

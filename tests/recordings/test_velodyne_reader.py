@@ -62,6 +62,27 @@ def test_a_frame_begins_when_its_first_pulse_leaves(tmp_path: Path, library: Cal
     np.testing.assert_allclose(begun_s, sensor.scanner.cycle_s * later, atol=4.4e-6)
 
 
+def test_a_packet_that_comes_late_is_in_its_place(two_turns: Path, tmp_path: Path) -> None:
+    """Also where a turn ends, which is after 75 packets."""
+    payloads = turns(2 * PACKETS, missing=[(3, 40)])
+    for late in (40, 74, 75):
+        payloads.insert(late, payloads.pop(late + 1))
+    with open_recording(two_turns) as expected, open_recording(pcap(tmp_path / "a.pcap", payloads)) as recording:
+        for sweep, right in zip(recording, expected, strict=True):
+            np.testing.assert_array_equal(sweep.direction, right.direction)
+
+
+@pytest.mark.parametrize("missing", [50, 75, 110])
+def test_a_turn_ends_where_the_recording_pauses(tmp_path: Path, library: Callable[[str], Any], missing: int) -> None:
+    """Two thirds of a turn, a whole one, or one and a half are missing: no frame is longer than a turn of 0.1 s."""
+    library("velodyne_decoder")
+    payloads = turns(200)
+    with open_recording(pcap(tmp_path / "a.pcap", payloads[:30] + payloads[30 + missing :])) as recording:
+        lengths_s = [float(np.ptp(np.asarray(sweep.time_s))) for sweep in recording]
+    assert len(lengths_s) == 3
+    assert max(lengths_s) < 0.1
+
+
 def test_ranges_directions_and_the_lost_pulse(two_turns: Path) -> None:
     sweep = open_recording(two_turns)[0]
     # Laser 3 fires at +3 degrees: the tenth channel from below.

@@ -35,7 +35,7 @@ from ..maths.arrays import Numbers
 from ..maths.pose import direction_from_angles
 from ..scan.spinning import Spinning
 from ..sensor.sensor_file import load_sensor
-from .pcap_reader import turns_of
+from .pcap_reader import Packets, in_order, turns_of
 from .recording import Recording
 from .sweep import Second, Sweep
 from .units.hesai_unit import MirrorCorrections, read_hesai, read_mirror
@@ -101,6 +101,11 @@ class PacketFormat:
         return self.mark + 2 + self.fine + self.point * self.lasers
 
     @property
+    def tail(self) -> int:
+        """Place of the tail."""
+        return self.header + self.blocks * self.block_bytes + self.gap
+
+    @property
     def dtype(self) -> np.dtype[np.void]:
         """Layout of a packet up to the last field that is read."""
         points = np.dtype(
@@ -115,17 +120,16 @@ class PacketFormat:
                 "itemsize": self.block_bytes,
             }
         )
-        tail = self.header + self.blocks * self.block_bytes + self.gap
         fields: dict[str, tuple[Any, int]] = {
             "blocks": ((block, self.blocks), self.header),
-            "turns_per_minute": ("<u2", tail + self.turns_per_minute),
-            "stamp": ("<u4", tail + self.stamp),
-            "mode": ("u1", tail + self.mode),
+            "turns_per_minute": ("<u2", self.tail + self.turns_per_minute),
+            "stamp": ("<u4", self.tail + self.stamp),
+            "mode": ("u1", self.tail + self.mode),
         }
         if self.step_mm is None:
             fields["step_mm"] = ("u1", 9 if self.protocol else 5)
         if self.phase is not None:
-            fields["phase"] = ("u1", tail + self.phase)
+            fields["phase"] = ("u1", self.tail + self.phase)
         ends = [offset + np.dtype(kind).itemsize for kind, offset in fields.values()]
         return np.dtype(
             {
@@ -289,17 +293,21 @@ def is_hesai(payload: bytes) -> bool:
     return len(payload) > 500 and (payload[:2] == HESAI_START or format_of(payload) is not None)
 
 
-def open_hesai(path: Path, metadata: Path | None, packets: Sequence[Packet]) -> Recording:
+def open_hesai(path: Path, metadata: Path | None, packets: Packets) -> Recording:
     """Open the turns of these packets; ``metadata`` is the unit's table of angles, CSV.
 
     Raises:
         InputError: if a file, a key or a value cannot be understood
     """
     layout = _format(path, packets)
-    packets = [packet for packet in packets if layout.fits(packet.payload)]
-    first_azimuths = _rows(layout, packets)["blocks"]["azimuth"][:, 0]
+    packets, azimuths, passed_s = in_order(
+        packets.where(layout.fits),
+        azimuth_at=layout.header + layout.mark,
+        stamp_at=layout.tail + layout.stamp,
+        period_s=1.0,
+    )
     mirror = _beams(layout, metadata).mirror
-    turns = turns_of(first_azimuths) if mirror is None else mirror.sweeps_of(0.01 * first_azimuths)
+    turns = turns_of(azimuths, passed_s) if mirror is None else mirror.sweeps_of(0.01 * azimuths)
     scans = [packets[turn] for turn in turns]
     return recording_of_scans(path, metadata, scans, name="hesai pcap")
 

@@ -28,15 +28,18 @@ LOOPBACK, ETHERNET, RAW_IP, COOKED, COOKED_2 = 0, 1, 101, 113, 276
 _LINK_BYTES = {LOOPBACK: 4, ETHERNET: 14, RAW_IP: 0, COOKED: 16, COOKED_2: 20}
 UDP = 17
 
+LATEST_S = 0.1
+"""Choice: time by which a network hands a packet on too late, at most; a clock that goes farther back was set."""
+
 
 class Packets(Sequence[Packet]):
     """Packets of a file, each read when it is indexed: those of a long drive do not fit into memory."""
 
     def __init__(self, data: mmap.mmap, time_s: Numbers, start: Numbers, stop: Numbers) -> None:
-        self._data, self._time_s, self._start, self._stop = data, time_s, start, stop
+        self._data, self.time_s, self._start, self._stop = data, time_s, start, stop
 
     def __len__(self) -> int:
-        return len(self._time_s)
+        return len(self.time_s)
 
     @overload
     def __getitem__(self, index: int) -> Packet: ...
@@ -45,8 +48,8 @@ class Packets(Sequence[Packet]):
     def __getitem__(self, index: int | slice | Numbers) -> Packet | Packets:
         """Read one packet, or select those of a slice or a mask."""
         if isinstance(index, int):
-            return Packet(float(self._time_s[index]), self._data[self._start[index] : self._stop[index]])
-        return Packets(self._data, self._time_s[index], self._start[index], self._stop[index])
+            return Packet(float(self.time_s[index]), self._data[self._start[index] : self._stop[index]])
+        return Packets(self._data, self.time_s[index], self._start[index], self._stop[index])
 
     def where(self, predicate: Callable[[bytes], bool]) -> Packets:
         """Packets whose payload satisfies ``predicate``."""
@@ -154,17 +157,46 @@ def _udp_datagram(data: mmap.mmap, record: slice, link: int) -> tuple[tuple[str,
     return (address, port), slice(offset + 8, min(max(offset + length, offset + 8), end))
 
 
-def turns_of(azimuths: Sequence[int] | Numbers) -> list[slice]:
+def in_order(packets: Packets, *, azimuth_at: int, stamp_at: int, period_s: float) -> tuple[Packets, Numbers, Numbers]:
+    """Packets by the sensor's clock, the azimuths [0.01 degrees] at their starts, and the times between them [s].
+
+    A network may hand a packet on after a later one.
+
+    Args:
+        azimuth_at: place of the azimuth in a payload, uint16
+        stamp_at: place of the stamp in a payload, uint32, microseconds
+        period_s: time after which stamps begin again
+    """
+    numbers = (
+        struct.unpack_from("<H", payload, azimuth_at) + struct.unpack_from("<I", payload, stamp_at)
+        for _, payload, _ in packets
+    )
+    azimuths, stamps_us = np.fromiter(numbers, np.dtype((np.int64, 2)), len(packets)).T
+    passed_s = 1e-6 * np.diff(stamps_us)
+    passed_s += period_s * np.rint((np.diff(packets.time_s) - passed_s) / period_s)
+    passed_s[passed_s < -LATEST_S] = 0.0  # the clock was set back
+    time_s = np.cumsum(np.r_[0.0, passed_s])
+    order = np.argsort(time_s, kind="stable")
+    return packets[order], azimuths[order], np.diff(time_s[order])
+
+
+def turns_of(azimuths: Sequence[int] | Numbers, passed_s: Sequence[float] | Numbers) -> list[slice]:
     """Slices of the packets of each turn, by the azimuth [0.01 degrees] at the start of each packet.
 
-    A turn ends where the sensor is back at the direction of the recording's first packet. The last one may be
-    incomplete.
+    A turn ends where the sensor is back at the direction of the recording's first packet, and where packets of half a
+    turn or more are missing. The last one may be incomplete.
+
+    Args:
+        passed_s: time from each packet to the next
     """
-    if not len(azimuths):
-        return []
+    if len(azimuths) < 2:
+        return [slice(0, 1)][: len(azimuths)]
     steps: Numbers = np.diff(np.asarray(azimuths, np.int64))
-    # The shorter way round, so that sensors that turn either way are counted.
+    # The shorter way round, so that sensors that turn either way are counted, and the turns that the clock tells.
     forward: Numbers = (steps + FULL_TURN // 2) % FULL_TURN - FULL_TURN // 2
+    usual, usual_s = np.median(forward), np.median(passed_s)
+    if usual_s > 0.0:
+        forward = forward + FULL_TURN * np.rint((np.asarray(passed_s) / usual_s * usual - forward) / FULL_TURN)
     turn_number = np.abs(np.cumsum(np.r_[0, forward])) // FULL_TURN
     starts = np.flatnonzero(np.diff(turn_number, prepend=-1))
     return [slice(int(start), int(stop)) for start, stop in zip(starts, [*starts[1:], len(turn_number)], strict=True)]

@@ -6,7 +6,6 @@ of a channel is a lost pulse. Its direction is interpolated between the same cha
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from ..files.optional import import_optional
 from ..formats.cloud_description import input_errors
 from ..formats.packets.layouts import VELODYNE_BANKS, VELODYNE_PACKET, Packet
 from ..maths.arrays import Numbers
-from .pcap_reader import turns_of
+from .pcap_reader import Packets, in_order, turns_of
 from .recording import Recording
 from .sweep import Second, Sweep
 
@@ -29,6 +28,10 @@ X, Y, Z, INTENSITY, TIME, COLUMN, RING, RETURN = range(8)
 
 LAST_RETURN = 2
 """Value of the decoder's column RETURN for the last of two returns; 1 is the strongest, 3 a return that is both."""
+
+AZIMUTH_AT, STAMP_AT, STAMPS_S = 2, 1200, 3600.0
+"""Source: VLP-16 user manual, 9; places of the first azimuth and of the stamp in a packet, and the hour after which
+stamps begin again."""
 
 WARM_UP_PACKETS = 2
 """Packets before a frame from which the decoder measures how fast the sensor turns, and how long a packet lasts."""
@@ -43,14 +46,14 @@ def is_velodyne(payload: bytes) -> bool:
     return len(payload) == VELODYNE_PACKET.itemsize and payload[:2] in FIRST_BYTES
 
 
-def open_velodyne(path: Path, metadata: Path | None, packets: Sequence[Packet]) -> Recording:
+def open_velodyne(path: Path, metadata: Path | None, packets: Packets) -> Recording:
     """Open the turns of these packets; ``metadata`` is the unit's calibration, YAML.
 
     Raises:
         InputError: if a file, a key or a value cannot be understood
     """
-    turns = turns_of([struct.unpack_from("<H", packet.payload, 2)[0] for packet in packets])
-    return recording_of_scans(path, metadata, [packets[turn] for turn in turns], name="velodyne pcap")
+    packets, *moves = in_order(packets, azimuth_at=AZIMUTH_AT, stamp_at=STAMP_AT, period_s=STAMPS_S)
+    return recording_of_scans(path, metadata, [packets[turn] for turn in turns_of(*moves)], name="velodyne pcap")
 
 
 def recording_of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequence[Packet]], *, name: str) -> Recording:
