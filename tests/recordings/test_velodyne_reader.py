@@ -121,6 +121,18 @@ def test_a_vls_128_turns_from_its_first_packet_on(tmp_path: Path, library: Calla
     np.testing.assert_allclose(np.degrees(np.diff(azimuth[:, :6], axis=1)), -1.0, atol=0.011)
 
 
+def test_firings_of_lost_packets_have_their_place(tmp_path: Path, library: Callable[[str], Any]) -> None:
+    """A channel that sees the sky before three lost packets and after them: as if they had come, in time and place."""
+    library("velodyne_decoder")
+    payloads = turns(PACKETS, missing=[(laser, firing) for laser in range(9) for firing in range(600, 900)])
+    some = payloads[:30] + payloads[33:]
+    sweep, full = (open_recording(pcap(tmp_path / "a.pcap", packets))[0] for packets in (some, payloads))
+    came = sweep.recorded[0]
+    np.testing.assert_array_equal(np.flatnonzero(~came), np.arange(30 * FIRINGS, 33 * FIRINGS))
+    np.testing.assert_allclose(sweep.direction[:, came], full.direction[:, came], atol=1e-6)
+    np.testing.assert_allclose(np.asarray(sweep.time_s)[:, came], np.asarray(full.time_s)[:, came], atol=1e-8)
+
+
 def test_channels_in_the_sky_have_rows_and_directions(tmp_path: Path, library: Callable[[str], Any]) -> None:
     library("velodyne_decoder")
     packets = [bytearray(turn) for turn in turns(PACKETS)]
