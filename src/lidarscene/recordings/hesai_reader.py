@@ -23,6 +23,7 @@ import numpy as np
 from ..errors import InputError, OptionError
 from ..formats.cloud_description import input_errors
 from ..formats.packets.layouts import (
+    FULL_TURN,
     HESAI_START,
     PANDAR64_AZIMUTH_US,
     PANDAR64_BLOCKS,
@@ -163,6 +164,9 @@ BLOCK_START = b"\xff\xee"
 
 RETURNS = {0x33: 1, 0x34: 1, 0x37: 1, 0x38: 1, 0x39: 2, 0x3A: 2, 0x3B: 2, 0x3C: 2, 0x3D: 3, 0x3E: 2}
 """Mode of returns -> blocks of a firing."""
+
+MOST_LOST = 5_000
+"""Choice: packets that one frame may lack between two others, more than those of a turn."""
 
 LEAST_STEPS = 3
 """Distances of an OT128 that say why there is no return: too close, too close for the far field, nothing came back."""
@@ -336,7 +340,7 @@ def recording_of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequen
             # Where they are half a second apart, each packet by itself would be of one second or of the next.
             late_s = stamps_s - 1e-6 * rows["stamp"]
             second = np.rint(first_late_s) + np.rint(late_s - first_late_s)
-            return _sweep(layout, rows, second, beams, recording_metadata | {"frame": str(frame)})
+            return _sweep(layout, *_with_lost(rows, second), beams, recording_metadata | {"frame": str(frame)})
 
     return Recording(path=path, count=len(scans), read=read, metadata=recording_metadata)
 
@@ -365,6 +369,25 @@ def _rows(layout: PacketFormat, packets: Sequence[Packet]) -> Numbers:
     """(packets,) fields."""
     dtype = layout.dtype
     return np.frombuffer(b"".join(packet.payload[: dtype.itemsize] for packet in packets), dtype)
+
+
+def _with_lost(rows: Numbers, second: Numbers) -> tuple[Numbers, Numbers]:
+    """(packets,) fields and seconds with those of lost packets, whose points are empty and whose seconds are NaN."""
+    passed_s = np.diff(second + 1e-6 * rows["stamp"])
+    usual_s = float(np.median(passed_s)) if len(passed_s) else 0.0
+    steps = np.rint(passed_s / usual_s) if usual_s > 0.0 else np.ones(len(passed_s))
+    # A clock that is set meanwhile leaves nothing out.
+    number = np.cumsum(np.r_[0, np.where((steps > 1) & (steps < MOST_LOST), steps, 1)]).astype(np.int64)
+    every = np.arange(number[-1] + 1)
+    came = np.isin(every, number)
+    filled = rows[np.searchsorted(number, every, side="right") - 1]
+    azimuths = np.unwrap(rows["blocks"]["azimuth"].astype(np.float64), axis=0, period=FULL_TURN)
+    between = np.stack([np.interp(every, number, azimuth) for azimuth in azimuths.T], axis=-1)
+    filled["blocks"]["azimuth"] = np.rint(between) % FULL_TURN
+    filled["blocks"]["points"]["distance"][~came] = 0
+    seconds = np.full(len(every), np.nan)
+    seconds[number] = second
+    return filled, seconds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -464,7 +487,7 @@ def _sweep(
             range_m=np.where(is_other, other_m, np.nan),
             intensity=by_laser(reflectivity[:, 1 - place :: returns]).astype(np.float32),
         )
-    fired = by_laser(np.isfinite(firing_s))
+    fired = by_laser(np.isfinite(time_s))
     if layout.tells_silence:
         fired = by_laser(steps[:, ::returns] != 0)
     start_s = float(np.nanmin(time_s))
