@@ -5,11 +5,13 @@ import struct
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from helpers.child import assert_ended
 from helpers.mistakes import told
 from helpers.recordings import pcap
 
+from lidarscene.errors import OptionWarning
 from lidarscene.recordings.pcap_reader import metadata_of, packets_of, turns_of
 
 
@@ -80,6 +82,15 @@ def test_what_is_no_whole_datagram_is_passed_over(tmp_path: Path) -> None:
     ]
 
 
+def test_another_sensor_is_told_and_left_out(tmp_path: Path) -> None:
+    """Two sensors take turns; each sends the same packets, which a bridge captures twice."""
+    one, two = (datagram(b"%d" % number) for number in range(2))
+    other = two[:15] + b"\x07" + two[16:]  # RFC 791: the last byte of the sender
+    with pytest.warns(OptionWarning, match=r"a\.pcap: .* 2 sensors; .* 0\.0\.0\.0 to port 2368, .* 0\.0\.0\.7 to 2368"):
+        found = payloads_in_capture(tmp_path / "a.pcap", 101, [one, one, other, two, two, other, one])
+    assert found == [b"0", b"1", b"0"]
+
+
 def test_what_is_damaged_is_told(tmp_path: Path) -> None:
     path = pcap(tmp_path / "a.pcap", [b"first", b"second"])
     content = path.read_bytes()
@@ -96,9 +107,9 @@ def test_what_is_damaged_is_told(tmp_path: Path) -> None:
 def test_a_turn_ends_where_the_recording_began() -> None:
     for sign in (1, -1):
         azimuths = [(35_000 + sign * 1000 * number) % 36_000 for number in range(80)]
-        assert turns_of(azimuths) == [slice(0, 36), slice(36, 72), slice(72, 80)]
-    assert turns_of([]) == []
-    assert turns_of([100]) == [slice(0, 1)]
+        assert turns_of(azimuths, np.ones(len(azimuths) - 1)) == [slice(0, 36), slice(36, 72), slice(72, 80)]
+    assert turns_of([], []) == []
+    assert turns_of([100], []) == [slice(0, 1)]
 
 
 MEMORY = """
@@ -141,4 +152,4 @@ def test_whose_metadata(tmp_path: Path) -> None:
 def test_a_head_that_trembles_does_not_turn() -> None:
     """Half a turn forward, a hundredth back now and then, across the seam: it is one turn, not forty."""
     azimuths = [(35_900 + 10 * number - 21 * (number % 3 == 2)) % 36_000 for number in range(40)]
-    assert turns_of(azimuths) == [slice(0, 40)]
+    assert turns_of(azimuths, np.ones(len(azimuths) - 1)) == [slice(0, 40)]

@@ -28,6 +28,14 @@ def test_frames_are_counted_from_both_ends() -> None:
             recording[place]
 
 
+def test_a_closed_recording_is_told() -> None:
+    """Rationale: a frame of a closed pcap of an Ouster ended Python."""
+    with Recording(path=Path("a"), count=3, read=lambda frame: sweep(1.0 + frame)) as recording:
+        assert recording[2].range_m[0] == 3.0
+    with told("a | closed"):
+        recording[2]
+
+
 def test_places_of_no_number_are_told() -> None:
     """Rationale: an infinite number in the metadata of an Ouster made NaN of every point."""
     whole, nan = sweep(5.0, np.nan), np.full((2, 3), np.nan)

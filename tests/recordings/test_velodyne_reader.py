@@ -62,6 +62,27 @@ def test_a_frame_begins_when_its_first_pulse_leaves(tmp_path: Path, library: Cal
     np.testing.assert_allclose(begun_s, sensor.scanner.cycle_s * later, atol=4.4e-6)
 
 
+def test_a_packet_that_comes_late_is_in_its_place(two_turns: Path, tmp_path: Path) -> None:
+    """Also where a turn ends, which is after 75 packets."""
+    payloads = turns(2 * PACKETS, missing=[(3, 40)])
+    for late in (40, 74, 75):
+        payloads.insert(late, payloads.pop(late + 1))
+    with open_recording(two_turns) as expected, open_recording(pcap(tmp_path / "a.pcap", payloads)) as recording:
+        for sweep, right in zip(recording, expected, strict=True):
+            np.testing.assert_array_equal(sweep.direction, right.direction)
+
+
+@pytest.mark.parametrize("missing", [50, 75, 110])
+def test_a_turn_ends_where_the_recording_pauses(tmp_path: Path, library: Callable[[str], Any], missing: int) -> None:
+    """Two thirds of a turn, a whole one, or one and a half are missing: no frame is longer than a turn of 0.1 s."""
+    library("velodyne_decoder")
+    payloads = turns(200)
+    with open_recording(pcap(tmp_path / "a.pcap", payloads[:30] + payloads[30 + missing :])) as recording:
+        lengths_s = [float(np.ptp(np.asarray(sweep.time_s))) for sweep in recording]
+    assert len(lengths_s) == 3
+    assert max(lengths_s) < 0.1
+
+
 def test_ranges_directions_and_the_lost_pulse(two_turns: Path) -> None:
     sweep = open_recording(two_turns)[0]
     # Laser 3 fires at +3 degrees: the tenth channel from below.
@@ -98,6 +119,18 @@ def test_a_vls_128_turns_from_its_first_packet_on(tmp_path: Path, library: Calla
     azimuth = np.unwrap(np.arctan2(sought.direction[..., 1], sought.direction[..., 0]), axis=1)
     # To the rounding of the packet's hundredths; of a stopped sensor the fourth step is 0.5 degrees off.
     np.testing.assert_allclose(np.degrees(np.diff(azimuth[:, :6], axis=1)), -1.0, atol=0.011)
+
+
+def test_firings_of_lost_packets_have_their_place(tmp_path: Path, library: Callable[[str], Any]) -> None:
+    """A channel that sees the sky before three lost packets and after them: as if they had come, in time and place."""
+    library("velodyne_decoder")
+    payloads = turns(PACKETS, missing=[(laser, firing) for laser in range(9) for firing in range(600, 900)])
+    some = payloads[:30] + payloads[33:]
+    sweep, full = (open_recording(pcap(tmp_path / "a.pcap", packets))[0] for packets in (some, payloads))
+    came = sweep.recorded[0]
+    np.testing.assert_array_equal(np.flatnonzero(~came), np.arange(30 * FIRINGS, 33 * FIRINGS))
+    np.testing.assert_allclose(sweep.direction[:, came], full.direction[:, came], atol=1e-6)
+    np.testing.assert_allclose(np.asarray(sweep.time_s)[:, came], np.asarray(full.time_s)[:, came], atol=1e-8)
 
 
 def test_channels_in_the_sky_have_rows_and_directions(tmp_path: Path, library: Callable[[str], Any]) -> None:

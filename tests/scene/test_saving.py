@@ -12,6 +12,7 @@ from helpers.run_seed import chosen
 
 import lidarscene
 from lidarscene import Pose, Scene, Sun, load_scene
+from lidarscene.catalog import sensor_path
 from lidarscene.materials.material import Material, Spectrum
 from lidarscene.materials.material_file import catalogue_material
 from lidarscene.maths.trajectory import Course, Spline
@@ -76,6 +77,25 @@ def test_a_scene_of_a_file_is_read_again(name: str, tmp_path: Path) -> None:
     scene = load_scene(name, overrides={"sun.illuminance_klux": 12.3})
     assert_same(scene, saved(scene, tmp_path))
     assert [file.name for file in tmp_path.iterdir()] == ["mine.toml"], "all meshes stay where they are"
+
+
+def test_a_scene_outlives_a_change_of_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rationale: `os.chdir` in a notebook. The scene's sensor, base and meshes were read by a relative path."""
+    (tmp_path / "sub").mkdir()
+    trimesh.creation.box().export(tmp_path / "sub" / "box.ply")
+    place = '<transform name="to_world"><translate x="8" z="2"/></transform>'
+    base = f'<scene version="3.0.0"><shape type="cube">{place}</shape></scene>'
+    (tmp_path / "sub" / "base.xml").write_text(base)
+    (tmp_path / "sub" / "vlp.toml").write_text(sensor_path("vlp-16").read_text())
+    body = '[[bodies]]\nname = "box"\nmesh = "box.ply"\nmaterial = "asphalt"\ninstances = [{}, {yaw_deg = 45}]'
+    (tmp_path / "sub" / "a.toml").write_text(f'base = "base.xml"\n[sensor]\nname = "vlp.toml"\n{body}')
+    monkeypatch.chdir(tmp_path)
+    scenes = load_scene("sub/a.toml"), load_scene("sub/base.xml")
+    monkeypatch.chdir(tmp_path / "sub")
+    for scene in (*scenes, scenes[0].remove("box.1")):
+        again = saved(scene, tmp_path)
+        assert_same(scene, again)
+        assert len(lidarscene.render(again)) == len(lidarscene.render(scene)) > 0
 
 
 def test_an_edited_scene_gives_the_same_cloud(tmp_path: Path) -> None:

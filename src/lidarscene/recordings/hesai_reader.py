@@ -23,6 +23,7 @@ import numpy as np
 from ..errors import InputError, OptionError
 from ..formats.cloud_description import input_errors
 from ..formats.packets.layouts import (
+    FULL_TURN,
     HESAI_START,
     PANDAR64_AZIMUTH_US,
     PANDAR64_BLOCKS,
@@ -35,7 +36,7 @@ from ..maths.arrays import Numbers
 from ..maths.pose import direction_from_angles
 from ..scan.spinning import Spinning
 from ..sensor.sensor_file import load_sensor
-from .pcap_reader import turns_of
+from .pcap_reader import Packets, in_order, turns_of
 from .recording import Recording
 from .sweep import Second, Sweep
 from .units.hesai_unit import MirrorCorrections, read_hesai, read_mirror
@@ -101,6 +102,11 @@ class PacketFormat:
         return self.mark + 2 + self.fine + self.point * self.lasers
 
     @property
+    def tail(self) -> int:
+        """Place of the tail."""
+        return self.header + self.blocks * self.block_bytes + self.gap
+
+    @property
     def dtype(self) -> np.dtype[np.void]:
         """Layout of a packet up to the last field that is read."""
         points = np.dtype(
@@ -115,17 +121,16 @@ class PacketFormat:
                 "itemsize": self.block_bytes,
             }
         )
-        tail = self.header + self.blocks * self.block_bytes + self.gap
         fields: dict[str, tuple[Any, int]] = {
             "blocks": ((block, self.blocks), self.header),
-            "turns_per_minute": ("<u2", tail + self.turns_per_minute),
-            "stamp": ("<u4", tail + self.stamp),
-            "mode": ("u1", tail + self.mode),
+            "turns_per_minute": ("<u2", self.tail + self.turns_per_minute),
+            "stamp": ("<u4", self.tail + self.stamp),
+            "mode": ("u1", self.tail + self.mode),
         }
         if self.step_mm is None:
             fields["step_mm"] = ("u1", 9 if self.protocol else 5)
         if self.phase is not None:
-            fields["phase"] = ("u1", tail + self.phase)
+            fields["phase"] = ("u1", self.tail + self.phase)
         ends = [offset + np.dtype(kind).itemsize for kind, offset in fields.values()]
         return np.dtype(
             {
@@ -159,6 +164,9 @@ BLOCK_START = b"\xff\xee"
 
 RETURNS = {0x33: 1, 0x34: 1, 0x37: 1, 0x38: 1, 0x39: 2, 0x3A: 2, 0x3B: 2, 0x3C: 2, 0x3D: 3, 0x3E: 2}
 """Mode of returns -> blocks of a firing."""
+
+MOST_LOST = 5_000
+"""Choice: packets that one frame may lack between two others, more than those of a turn."""
 
 LEAST_STEPS = 3
 """Distances of an OT128 that say why there is no return: too close, too close for the far field, nothing came back."""
@@ -289,17 +297,21 @@ def is_hesai(payload: bytes) -> bool:
     return len(payload) > 500 and (payload[:2] == HESAI_START or format_of(payload) is not None)
 
 
-def open_hesai(path: Path, metadata: Path | None, packets: Sequence[Packet]) -> Recording:
+def open_hesai(path: Path, metadata: Path | None, packets: Packets) -> Recording:
     """Open the turns of these packets; ``metadata`` is the unit's table of angles, CSV.
 
     Raises:
         InputError: if a file, a key or a value cannot be understood
     """
     layout = _format(path, packets)
-    packets = [packet for packet in packets if layout.fits(packet.payload)]
-    first_azimuths = _rows(layout, packets)["blocks"]["azimuth"][:, 0]
+    packets, azimuths, passed_s = in_order(
+        packets.where(layout.fits),
+        azimuth_at=layout.header + layout.mark,
+        stamp_at=layout.tail + layout.stamp,
+        period_s=1.0,
+    )
     mirror = _beams(layout, metadata).mirror
-    turns = turns_of(first_azimuths) if mirror is None else mirror.sweeps_of(0.01 * first_azimuths)
+    turns = turns_of(azimuths, passed_s) if mirror is None else mirror.sweeps_of(0.01 * azimuths)
     scans = [packets[turn] for turn in turns]
     return recording_of_scans(path, metadata, scans, name="hesai pcap")
 
@@ -328,7 +340,7 @@ def recording_of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequen
             # Where they are half a second apart, each packet by itself would be of one second or of the next.
             late_s = stamps_s - 1e-6 * rows["stamp"]
             second = np.rint(first_late_s) + np.rint(late_s - first_late_s)
-            return _sweep(layout, rows, second, beams, recording_metadata | {"frame": str(frame)})
+            return _sweep(layout, *_with_lost(rows, second), beams, recording_metadata | {"frame": str(frame)})
 
     return Recording(path=path, count=len(scans), read=read, metadata=recording_metadata)
 
@@ -357,6 +369,25 @@ def _rows(layout: PacketFormat, packets: Sequence[Packet]) -> Numbers:
     """(packets,) fields."""
     dtype = layout.dtype
     return np.frombuffer(b"".join(packet.payload[: dtype.itemsize] for packet in packets), dtype)
+
+
+def _with_lost(rows: Numbers, second: Numbers) -> tuple[Numbers, Numbers]:
+    """(packets,) fields and seconds with those of lost packets, whose points are empty and whose seconds are NaN."""
+    passed_s = np.diff(second + 1e-6 * rows["stamp"])
+    usual_s = float(np.median(passed_s)) if len(passed_s) else 0.0
+    steps = np.rint(passed_s / usual_s) if usual_s > 0.0 else np.ones(len(passed_s))
+    # A clock that is set meanwhile leaves nothing out.
+    number = np.cumsum(np.r_[0, np.where((steps > 1) & (steps < MOST_LOST), steps, 1)]).astype(np.int64)
+    every = np.arange(number[-1] + 1)
+    came = np.isin(every, number)
+    filled = rows[np.searchsorted(number, every, side="right") - 1]
+    azimuths = np.unwrap(rows["blocks"]["azimuth"].astype(np.float64), axis=0, period=FULL_TURN)
+    between = np.stack([np.interp(every, number, azimuth) for azimuth in azimuths.T], axis=-1)
+    filled["blocks"]["azimuth"] = np.rint(between) % FULL_TURN
+    filled["blocks"]["points"]["distance"][~came] = 0
+    seconds = np.full(len(every), np.nan)
+    seconds[number] = second
+    return filled, seconds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -456,7 +487,7 @@ def _sweep(
             range_m=np.where(is_other, other_m, np.nan),
             intensity=by_laser(reflectivity[:, 1 - place :: returns]).astype(np.float32),
         )
-    fired = by_laser(np.isfinite(firing_s))
+    fired = by_laser(np.isfinite(time_s))
     if layout.tells_silence:
         fired = by_laser(steps[:, ::returns] != 0)
     start_s = float(np.nanmin(time_s))

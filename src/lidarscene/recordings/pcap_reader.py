@@ -11,6 +11,7 @@ from typing import overload
 
 import numpy as np
 
+from ..errors import OptionWarning, warn
 from ..formats.packets.layouts import FULL_TURN, Packet
 from ..maths.arrays import Numbers
 
@@ -27,15 +28,18 @@ LOOPBACK, ETHERNET, RAW_IP, COOKED, COOKED_2 = 0, 1, 101, 113, 276
 _LINK_BYTES = {LOOPBACK: 4, ETHERNET: 14, RAW_IP: 0, COOKED: 16, COOKED_2: 20}
 UDP = 17
 
+LATEST_S = 0.1
+"""Choice: time by which a network hands a packet on too late, at most; a clock that goes farther back was set."""
+
 
 class Packets(Sequence[Packet]):
     """Packets of a file, each read when it is indexed: those of a long drive do not fit into memory."""
 
     def __init__(self, data: mmap.mmap, time_s: Numbers, start: Numbers, stop: Numbers) -> None:
-        self._data, self._time_s, self._start, self._stop = data, time_s, start, stop
+        self._data, self.time_s, self._start, self._stop = data, time_s, start, stop
 
     def __len__(self) -> int:
-        return len(self._time_s)
+        return len(self.time_s)
 
     @overload
     def __getitem__(self, index: int) -> Packet: ...
@@ -44,8 +48,8 @@ class Packets(Sequence[Packet]):
     def __getitem__(self, index: int | slice | Numbers) -> Packet | Packets:
         """Read one packet, or select those of a slice or a mask."""
         if isinstance(index, int):
-            return Packet(float(self._time_s[index]), self._data[self._start[index] : self._stop[index]])
-        return Packets(self._data, self._time_s[index], self._start[index], self._stop[index])
+            return Packet(float(self.time_s[index]), self._data[self._start[index] : self._stop[index]])
+        return Packets(self._data, self.time_s[index], self._start[index], self._stop[index])
 
     def where(self, predicate: Callable[[bytes], bool]) -> Packets:
         """Packets whose payload satisfies ``predicate``."""
@@ -53,15 +57,37 @@ class Packets(Sequence[Packet]):
 
 
 def packets_of(path: Path, predicate: Callable[[bytes], bool] = lambda _: True) -> Packets:
-    """UDP packets whose payload satisfies ``predicate``; ValueError for a file that is no pcap or is cut off."""
+    """UDP packets of one sender whose payload satisfies ``predicate``; ValueError if it is no pcap or is cut off.
+
+    The sender is that of the first such packet, with the port that it sends to; a warning names it if there are others.
+    A packet that follows itself was captured twice, at a bridge and at the port behind it: it counts once.
+    """
     times, starts, stops = array("d"), array("q"), array("q")
-    data = map_file(path)
+    data, last = map_file(path), b""
+    senders: dict[tuple[str, int], None] = {}
     for time_s, link, record in records_of(data):
-        payload = _udp_payload(data, record, link)
-        if payload is not None and predicate(data[payload]):
+        datagram = _udp_datagram(data, record, link)
+        if datagram is None or not predicate(payload := data[datagram[1]]):
+            continue
+        sender, place = datagram
+        senders.setdefault(sender)
+        if sender == next(iter(senders)) and payload != last:
+            last = payload
             times.append(time_s)
-            starts.append(payload.start)
-            stops.append(payload.stop)
+            starts.append(place.start)
+            stops.append(place.stop)
+    if len(senders) > 1:
+        (address, port), *others = senders
+        warn(
+            OptionWarning(
+                "{0}: has packets of {1} sensors; read are those from {2} to port {3}, others are from {4}",
+                path,
+                len(senders),
+                address,
+                port,
+                ", ".join(f"{address} to {port}" for address, port in others),
+            )
+        )
     return Packets(data, *(np.array(values) for values in (times, starts, stops)))
 
 
@@ -109,8 +135,11 @@ def records_of(data: mmap.mmap) -> Iterator[tuple[float, int, slice]]:
         offset, count = start + size, count + 1
 
 
-def _udp_payload(data: mmap.mmap, record: slice, link: int) -> slice | None:
-    """Slice of the payload of a packet of UDP over IPv4; None for other packets and for fragments."""
+def _udp_datagram(data: mmap.mmap, record: slice, link: int) -> tuple[tuple[str, int], slice] | None:
+    """Address of the sender and port of the receiver of a packet of UDP over IPv4, and the slice of its payload.
+
+    None for other packets and for fragments.
+    """
     start, end = record.start, record.stop
     offset = start + _LINK_BYTES[link]
     if link == ETHERNET and data[start + 12 : start + 14] == b"\x81\x00":  # a tag of a virtual network
@@ -119,25 +148,55 @@ def _udp_payload(data: mmap.mmap, record: slice, link: int) -> slice | None:
         return None
     if struct.unpack_from(">H", data, offset + 6)[0] & 0x3FFF:  # more fragments follow, or an offset among them
         return None
+    address = ".".join(str(number) for number in data[offset + 12 : offset + 16])
     offset += 4 * (data[offset] & 15)  # length of the IPv4 header, in words of four bytes
     if end < offset + 8:
         return None
     # UDP counts its own header of eight bytes; a wrong count neither cuts that nor reaches into the next record.
-    length = struct.unpack_from(">H", data, offset + 4)[0]
-    return slice(offset + 8, min(max(offset + length, offset + 8), end))
+    port, length = struct.unpack_from(">HH", data, offset + 2)
+    return (address, port), slice(offset + 8, min(max(offset + length, offset + 8), end))
 
 
-def turns_of(azimuths: Sequence[int] | Numbers) -> list[slice]:
+def in_order(packets: Packets, *, azimuth_at: int, stamp_at: int, period_s: float) -> tuple[Packets, Numbers, Numbers]:
+    """Packets by the sensor's clock, the azimuths [0.01 degrees] at their starts, and the times between them [s].
+
+    A network may hand a packet on after a later one.
+
+    Args:
+        azimuth_at: place of the azimuth in a payload, uint16
+        stamp_at: place of the stamp in a payload, uint32, microseconds
+        period_s: time after which stamps begin again
+    """
+    numbers = (
+        struct.unpack_from("<H", payload, azimuth_at) + struct.unpack_from("<I", payload, stamp_at)
+        for _, payload, _ in packets
+    )
+    azimuths, stamps_us = np.fromiter(numbers, np.dtype((np.int64, 2)), len(packets)).T
+    passed_s = 1e-6 * np.diff(stamps_us)
+    passed_s += period_s * np.rint((np.diff(packets.time_s) - passed_s) / period_s)
+    passed_s[passed_s < -LATEST_S] = 0.0  # the clock was set back
+    time_s = np.cumsum(np.r_[0.0, passed_s])
+    order = np.argsort(time_s, kind="stable")
+    return packets[order], azimuths[order], np.diff(time_s[order])
+
+
+def turns_of(azimuths: Sequence[int] | Numbers, passed_s: Sequence[float] | Numbers) -> list[slice]:
     """Slices of the packets of each turn, by the azimuth [0.01 degrees] at the start of each packet.
 
-    A turn ends where the sensor is back at the direction of the recording's first packet. The last one may be
-    incomplete.
+    A turn ends where the sensor is back at the direction of the recording's first packet, and where packets of half a
+    turn or more are missing. The last one may be incomplete.
+
+    Args:
+        passed_s: time from each packet to the next
     """
-    if not len(azimuths):
-        return []
+    if len(azimuths) < 2:
+        return [slice(0, 1)][: len(azimuths)]
     steps: Numbers = np.diff(np.asarray(azimuths, np.int64))
-    # The shorter way round, so that sensors that turn either way are counted.
+    # The shorter way round, so that sensors that turn either way are counted, and the turns that the clock tells.
     forward: Numbers = (steps + FULL_TURN // 2) % FULL_TURN - FULL_TURN // 2
+    usual, usual_s = np.median(forward), np.median(passed_s)
+    if usual_s > 0.0:
+        forward = forward + FULL_TURN * np.rint((np.asarray(passed_s) / usual_s * usual - forward) / FULL_TURN)
     turn_number = np.abs(np.cumsum(np.r_[0, forward])) // FULL_TURN
     starts = np.flatnonzero(np.diff(turn_number, prepend=-1))
     return [slice(int(start), int(stop)) for start, stop in zip(starts, [*starts[1:], len(turn_number)], strict=True)]

@@ -58,6 +58,10 @@ class Recording:
 
     def __exit__(self, *_: object) -> None:
         self.close_file()
+        object.__setattr__(self, "read", self._read_closed)  # ouster-sdk would end the process
+
+    def _read_closed(self, _: int) -> Sweep:
+        raise InputError(f"{self.path}: frames must be read before the recording is closed")
 
     def _plausible(self, sweep: Sweep) -> Sweep:
         """The sweep without returns that are farther than any lidar sees.

@@ -1,12 +1,13 @@
 """Recordings of Velodyne sensors: packets out of pcap files and ROS bags, decoded by velodyne-decoder.
 
 The decoder gives points with the number of their firing, in which every channel fires once. So a firing without a point
-of a channel is a lost pulse. Its direction is interpolated between the same channel's points before and after.
+of a channel is a lost pulse. Its direction is interpolated between the same channel's points before and after. The
+decoder does not count the firings of lost packets, but times tell of them.
 """
 
 from __future__ import annotations
 
-import struct
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from ..files.optional import import_optional
 from ..formats.cloud_description import input_errors
 from ..formats.packets.layouts import VELODYNE_BANKS, VELODYNE_PACKET, Packet
 from ..maths.arrays import Numbers
-from .pcap_reader import turns_of
+from .pcap_reader import Packets, in_order, turns_of
 from .recording import Recording
 from .sweep import Second, Sweep
 
@@ -30,8 +31,15 @@ X, Y, Z, INTENSITY, TIME, COLUMN, RING, RETURN = range(8)
 LAST_RETURN = 2
 """Value of the decoder's column RETURN for the last of two returns; 1 is the strongest, 3 a return that is both."""
 
+AZIMUTH_AT, STAMP_AT, STAMPS_S = 2, 1200, 3600.0
+"""Source: VLP-16 user manual, 9; places of the first azimuth and of the stamp in a packet, and the hour after which
+stamps begin again."""
+
 WARM_UP_PACKETS = 2
 """Packets before a frame from which the decoder measures how fast the sensor turns, and how long a packet lasts."""
+
+MOST_LOST = 5_000
+"""Choice: firings that one frame may lack between two others, those of a turn at the lowest speed."""
 
 CHANNELS = (16, 32, 64, 128)
 """Numbers of channels of all models. That of a recording is the next above its highest channel with a point, since the
@@ -43,14 +51,14 @@ def is_velodyne(payload: bytes) -> bool:
     return len(payload) == VELODYNE_PACKET.itemsize and payload[:2] in FIRST_BYTES
 
 
-def open_velodyne(path: Path, metadata: Path | None, packets: Sequence[Packet]) -> Recording:
+def open_velodyne(path: Path, metadata: Path | None, packets: Packets) -> Recording:
     """Open the turns of these packets; ``metadata`` is the unit's calibration, YAML.
 
     Raises:
         InputError: if a file, a key or a value cannot be understood
     """
-    turns = turns_of([struct.unpack_from("<H", packet.payload, 2)[0] for packet in packets])
-    return recording_of_scans(path, metadata, [packets[turn] for turn in turns], name="velodyne pcap")
+    packets, *moves = in_order(packets, azimuth_at=AZIMUTH_AT, stamp_at=STAMP_AT, period_s=STAMPS_S)
+    return recording_of_scans(path, metadata, [packets[turn] for turn in turns_of(*moves)], name="velodyne pcap")
 
 
 def recording_of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequence[Packet]], *, name: str) -> Recording:
@@ -96,9 +104,13 @@ def sweep_of_points(points: Numbers, *, start_s: float, metadata: Mapping[str, s
     """
     if not len(points):
         raise ValueError("must have points, got none in this turn")
-    channels, columns = int(points[:, RING].max()) + 1, int(points[:, COLUMN].max()) + 1
+    channels = int(points[:, RING].max()) + 1
     rows = min(count for count in CHANNELS if count >= channels)
-    shape = (rows, columns)
+    firings = _firings(points, channels)
+    points = points.copy()
+    points[:, COLUMN] = firings[points[:, COLUMN].astype(np.int64)]
+    shape = (rows, columns) = (rows, int(firings[-1]) + 1)
+    recorded = np.broadcast_to(np.isin(np.arange(columns), firings), shape)
     first = _lay_out(points, points[:, RETURN] != LAST_RETURN, shape)
     last = _lay_out(points, points[:, RETURN] == LAST_RETURN, shape)
     # The decoder may drop the stronger of two returns: the last one is then the only one.
@@ -112,9 +124,9 @@ def sweep_of_points(points: Numbers, *, start_s: float, metadata: Mapping[str, s
     first_s = np.nanmin(time_s)
     return Sweep(
         range_m=range_m,
-        recorded=np.ones(shape, bool),
+        recorded=recorded,
         direction=direction,
-        time_s=time_s - first_s,
+        time_s=np.where(recorded, time_s - first_s, np.nan),
         intensity=first[..., INTENSITY],
         second=second,
         ring=np.broadcast_to(np.arange(rows)[:, None], shape),
@@ -125,7 +137,27 @@ def sweep_of_points(points: Numbers, *, start_s: float, metadata: Mapping[str, s
     )
 
 
-def _lay_out(points: Numbers, mask: Numbers, shape: tuple[int, int]) -> Numbers:
+def _firings(points: Numbers, channels: int) -> Numbers:
+    """(columns,) numbers of the decoder's firings, counting those of lost packets, which it leaves out.
+
+    A channel whose time from point to point is longer than the decoder's firings take has the lost ones between them.
+    """
+    count = int(points[:, COLUMN].max()) + 1
+    time_s = _lay_out(points, slice(None), (channels, count))[..., TIME]
+    columns = [np.flatnonzero(np.isfinite(row)) for row in time_s]
+    times = [row[hits] for row, hits in zip(time_s, columns, strict=True)]
+    cycle_s = _rate(columns, times) or math.inf
+    lost = np.full(count - 1, math.inf)
+    for hits, stamps_s in zip(columns, times, strict=True):
+        steps = np.diff(hits)
+        between = slice(hits[0], hits[-1]) if len(hits) else slice(0)
+        lost[between] = np.minimum(lost[between], np.repeat(np.rint(np.diff(stamps_s) / cycle_s) - steps, steps))
+    lost[~((lost > 0) & (lost < MOST_LOST))] = 0  # nothing, or a clock that is set meanwhile
+    lost[1:][lost[:-1] > 0] = 0  # the same ones, which no channel places between two firings
+    return np.cumsum(np.r_[0, 1 + lost]).astype(np.int64)
+
+
+def _lay_out(points: Numbers, mask: Numbers | slice, shape: tuple[int, int]) -> Numbers:
     """(rows, columns, 8) array with the selected points at their channel and firing, NaN elsewhere."""
     selected = points[mask]
     array = np.full((*shape, points.shape[1]), np.nan)

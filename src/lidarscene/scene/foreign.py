@@ -110,7 +110,7 @@ def is_xml(path: Path) -> bool:
 
 
 def xml_file(path: Path, where: str = "") -> Path:
-    """The path, if it is an XML file that exists.
+    """The absolute path, if it is an XML file that exists: Mitsuba opens it later, perhaps from another folder.
 
     Raises:
         InputError: if a file, a key or a value cannot be understood
@@ -121,4 +121,4 @@ def xml_file(path: Path, where: str = "") -> Path:
         raise InputError(f"{where}{error}") from None
     if not is_xml(path):
         raise InputError(f"{where}{path}: the name of a Mitsuba scene must end in .xml")
-    return path
+    return path.absolute()

@@ -166,7 +166,7 @@ def _is_said(value: object) -> bool:
 
 def _dumped(file: SceneFile, folder: Path) -> Tables:
     """Tables of a file with absolute paths; what it leaves out is left out."""
-    return with_absolute_paths(file.model_dump(by_alias=True, exclude_unset=True, exclude_none=True), folder.absolute())
+    return with_absolute_paths(file.model_dump(by_alias=True, exclude_unset=True, exclude_none=True), folder)
 
 
 def _body_tables(scene: Scene, target: Path, meshes: dict[str, str]) -> Iterator[Tables]:

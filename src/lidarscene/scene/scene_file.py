@@ -263,6 +263,7 @@ def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
     scene_materials = _SceneMaterials(file)
     reader = functools.cache(reading.read_mesh)
     ground = _lay_ground(file)
+    folder = path.parent.absolute()  # of files that are opened later, perhaps from another folder
     ego = None
     if file.ego is not None:
         ego = file.ego.motion(
@@ -304,7 +305,7 @@ def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
         air=file.air.in_si(weather=file.weather.in_si()),
         lamps_w_m2=lamps_w_m2(file.interference),
         interferers=interferers(file.interference),
-        sensor_name=_sensor_name(file.sensor.name, path.parent),
+        sensor_name=_sensor_name(file.sensor.name, folder),
         sensor_pose=file.sensor.pose(),
         ego=ego,
         camera=file.picture.in_si() if file.picture else None,
@@ -312,7 +313,7 @@ def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
         base_materials=file.base_materials,
         reach_m=math.inf if file.reach_m is None else file.reach_m,
     )
-    return replace(scene, origin=SceneOrigin(file=file, folder=path.parent, scene=scene))
+    return replace(scene, origin=SceneOrigin(file=file, folder=folder, scene=scene))
 
 
 _FIELDS = {
@@ -331,7 +332,7 @@ def replaced_scene(scene: Scene, changes: Sequence[str]) -> Scene:
             f"'{scene.name}': must be as `load_scene` gave it for its file's keys to be replaced, got a scene made in "
             "Python; dataclasses.replace changes its fields"
         )
-    path = origin.folder.absolute() / f"{scene.name}.toml"
+    path = origin.folder / f"{scene.name}.toml"
     option = "changes"
     tables = with_overrides(saved_tables(scene, path, {}), map(from_current_folder, changes), option=option)
     file = validate(SceneFile, tables, scene.name, overrides=changes, option=option)
@@ -478,7 +479,7 @@ def _places(body: BodyFile) -> list[tuple[str, Pose]]:
 
 def _origin(body: BodyFile, folder: Path, number: int) -> BodyOrigin:
     """Origin of a body, the one of this number that a table gives."""
-    return BodyOrigin(table=body, folder=folder, instance=None if body.instances is None else number)
+    return BodyOrigin(table=body, folder=folder.absolute(), instance=None if body.instances is None else number)
 
 
 def _place_body(
