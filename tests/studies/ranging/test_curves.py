@@ -192,18 +192,35 @@ class Halving:
     def aperture_share(self, pulse):
         return 1.0 - 0.05 * np.abs(np.degrees(self.angles(pulse)[1]))
 
+    def background_share(self, pulse):
+        return 0.0 * np.asarray(pulse) + 2.0
+
+
+def test_prisms_leave_the_background():
+    """Refraction trades aperture for field of view: in the sun the range goes with the root of the share."""
+    avia = subjects(["livox-avia"])
+    (found,) = swept_over("elevation", avia, start=0, stop=30, count=2).curves
+    echo, background = aperture_laws.of_scanner(avia[0].sensor().scanner, "elevation", np.array([0.0, 30.0]))
+    target = Target(aperture_share=echo, background_share=1.0)
+    assert background == pytest.approx(np.ones(2))
+    assert echo[0] > 1.3 * echo[1]
+    assert found.values == pytest.approx(plane.detection_range_m(avia[0].sensor(), target, 0.9)[0], rel=1e-9)
+
 
 def test_aperture_of_a_scanner():
     angle = np.array([-10.0, -5.0, 0.0, 2.5, 10.0])
-    assert aperture_laws.of_scanner(Halving(), "elevation", angle) == pytest.approx([0.5, 0.75, 1.0, 0.875, 0.5])
-    assert aperture_laws.of_scanner(Halving(), "azimuth", angle) == pytest.approx(np.ones(5))
+    echo, background = aperture_laws.of_scanner(Halving(), "elevation", angle)
+    assert echo == pytest.approx([0.5, 0.75, 1.0, 0.875, 0.5])
+    assert background == pytest.approx(np.full(5, 2.0))
+    assert aperture_laws.of_scanner(Halving(), "azimuth", angle)[0] == pytest.approx(np.ones(5))
     assert aperture_laws.field_of_view_deg(Halving(), "elevation") == (-10.0, 10.0)
     with told("field of view | -10 | 10"):
         aperture_laws.of_scanner(Halving(), "elevation", np.array([0.0, 10.5]))
 
 
 def test_a_rasters_aperture_is_constant():
-    assert list(aperture_laws.of_scanner(BOTH[0].sensor().scanner, "azimuth", np.array([0.0, 170.0]))) == [1.0, 1.0]
+    shares = aperture_laws.of_scanner(BOTH[0].sensor().scanner, "azimuth", np.array([0.0, 170.0]))
+    assert [list(share) for share in shares] == [[1.0, 1.0]] * 2
 
 
 # --- axes -------------------------------------------------------------------------------------------

@@ -68,6 +68,7 @@ class Target:
 
     Attributes:
         aperture_share: effective aperture A(theta_r) of (4) over that on the axis; see `studies.ranging.aperture_laws`
+        background_share: the same times the field of view, for (8); None: what stops the echo leaves the field as it is
     """
 
     reflectivity: Lanes = 0.1
@@ -78,6 +79,12 @@ class Target:
     transmittance: Lanes = 0.98
     extinction_per_m: Lanes = 0.0
     aperture_share: Lanes = 1.0
+    background_share: Lanes | None = None
+
+    @property
+    def background_aperture(self) -> Lanes:
+        """Share of the background's aperture, `background_share` or that of the echo."""
+        return self.aperture_share if self.background_share is None else self.background_share
 
 
 def conditions_shape(sensor: Sensor, target: Target) -> tuple[int, ...]:
@@ -130,6 +137,7 @@ def light_of_plane(sensor: Sensor, target: Target, range_m: Lanes) -> Echoes:
         origin_m=(0.0, 0.0, 0.0),
         direction=(1.0, 0.0, 0.0),
         aperture_m2=sensor.optics.aperture_m2 * target.aperture_share,
+        background_aperture_m2=sensor.optics.aperture_m2 * target.background_aperture,
     )
     ambient = Ambient(
         sun_irradiance_w_m2=sun,
@@ -380,8 +388,10 @@ def closed_form_range_m(sensor: Sensor, target: Target) -> Any:
     echo = ones * target.reflectivity * target.cos_incidence * target.transmittance * target.aperture_share
     # The sky's share of the radiance adds to cos(theta_s) under the root, so the forms hold with a sky too.
     daylight = np.maximum(target.cos_sun, 0.0) + target.diffuse_share
-    dark = ones * target.illuminance_klux * optics.sun_irradiance_w_m2 * daylight <= _NOTHING
-    sun_irradiance_w_m2 = optics.sun_irradiance_w_m2 * target.illuminance_klux / 100.0
+    # The forms have one aperture: what the background has more of it is as much more sun.
+    sunlight_share = target.background_aperture / np.maximum(target.aperture_share, _NOTHING)
+    dark = ones * target.illuminance_klux * optics.sun_irradiance_w_m2 * daylight * sunlight_share <= _NOTHING
+    sun_irradiance_w_m2 = optics.sun_irradiance_w_m2 * target.illuminance_klux / 100.0 * sunlight_share
     wall = range_limit.Plane(
         reflectivity=np.where(echo > _NOTHING, target.reflectivity, 1.0),
         sun_irradiance_w_m2=np.where(dark, 1.0, sun_irradiance_w_m2),
