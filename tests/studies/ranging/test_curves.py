@@ -184,6 +184,7 @@ class Halving:
     """A scanner whose aperture falls from 1 in the middle to 1/2 at 10 degrees of elevation, both ways."""
 
     pulses: int = 201 * 41
+    typical_share: float = 1.0
 
     def angles(self, pulse):
         row, column = np.divmod(np.asarray(pulse), 201)
@@ -205,6 +206,18 @@ def test_prisms_leave_the_background():
     assert background == pytest.approx(np.ones(2))
     assert echo[0] > 1.3 * echo[1]
     assert found.values == pytest.approx(plane.detection_range_m(avia[0].sensor(), target, 0.9)[0], rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["livox-avia", "livox-horizon", "livox-mid-360", "livox-mid-40"])
+def test_ranges_are_told_for_the_mean_echo_behind_prisms(name):
+    """An echo is the mean of those that `render` has of a later frame; the background is that of the lens."""
+    sensor = load_sensor(name)
+    lens = dataclasses.replace(sensor, scanner=load_sensor("table1-apd").scanner)
+    told, whole = (plane.echoes_of_plane(each, Target(), 50.0) for each in (sensor, lens))
+    pulse = np.arange(7 * sensor.scanner.pulses, 8 * sensor.scanner.pulses, dtype=np.uint32)
+    share = np.mean(sensor.scanner.aperture_share(pulse))
+    assert told.peak_power_w / whole.peak_power_w == pytest.approx(share, rel=5e-3)
+    assert told.background_power_w == pytest.approx(whole.background_power_w, rel=1e-12)
 
 
 def test_aperture_of_a_scanner():

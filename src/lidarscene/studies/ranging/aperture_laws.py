@@ -81,9 +81,10 @@ def of_scanner(scanner: Scanner, axis: str, angle_deg: Numbers) -> tuple[Numbers
 
 
 def shares(scanner: Scanner, pulse: Numbers) -> tuple[Numbers, Numbers]:
-    """(n,) shares of aperture, for the echo, and of aperture times field of view, for the background, of pulses."""
+    """(n,) shares of pulses: of aperture over the typical one, and of aperture times field of view."""
     ones = np.ones(len(pulse))
-    return np.asarray(scanner.aperture_share(pulse)) * ones, np.asarray(scanner.background_share(pulse)) * ones
+    echo = np.asarray(scanner.aperture_share(pulse)) / scanner.typical_share
+    return echo * ones, np.asarray(scanner.background_share(pulse)) * ones
 
 
 def _frame(scanner: Scanner, axis: str) -> tuple[Numbers, ...]:
