@@ -1,4 +1,4 @@
-"""ROS 2 bags: our own, and bags of packets."""
+"""Bags: our own, those of rosbags and of ROS 1, and bags of packets."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -18,6 +18,11 @@ from lidarscene.formats.ros_bag import definition
 from lidarscene.recordings.bag_files import BagReader
 from lidarscene.recordings.bags import _Scans
 from lidarscene.recordings.opening import open_recording
+
+ROS_1 = {"tf2_msgs/msg/TFMessage": "tf/msg/tfMessage"} | {
+    f"livox_ros_driver2/msg/{name}": f"livox_ros_driver/msg/{name}" for name in ("CustomMsg", "CustomPoint")
+}
+"""Types of ROS 2 -> names in older bags."""
 
 
 @pytest.mark.parametrize(("suffix", "storage"), [("mcap", "mcap"), ("db3", "sqlite3")])
@@ -100,6 +105,50 @@ def test_bags_compressed_by_rosbag2(tmp_path: Path, library: Callable[[str], Any
         assert pose.position_m.tolist() == [4.0, 0.0, 0.0]
 
 
+@pytest.mark.parametrize(("what", "compression"), [("clouds", "LZ4"), ("livox", None), ("packets", "BZ2")])
+def test_bags_of_ros_1(tmp_path: Path, library: Callable[[str], Any], what: str, compression: str | None) -> None:
+    """Reference: rosbags, which writes the messages of a bag of ROS 2 as ROS 1 does."""
+    bag = tmp_path / "bag"
+    if what == "clouds":
+        cloud_bag(bag, library)
+    elif what == "livox":
+        write_ros(bag, [small_cloud(5), small_cloud(4)], layout="livox-custom", storage="sqlite3")
+    else:
+        library("velodyne_decoder")
+        scan_bag(bag, 150, 2)
+    path = as_ros_1(bag, tmp_path / "a.bag", library, compression)
+    with open_recording(bag) as expected, open_recording(path) as recording:
+        assert len(recording) == len(expected) == 2
+        for sweep, other in zip(recording, expected, strict=True):
+            np.testing.assert_array_equal(sweep.xyz_m, other.xyz_m)
+            assert sweep.start_s == other.start_s
+            if other.pose is not None:
+                assert sweep.pose is not None
+                np.testing.assert_array_equal(sweep.pose.position_m, other.pose.position_m)
+
+
+def as_ros_1(bag: Path, path: Path, library: Callable[[str], Any], compression: str | None = None) -> Path:
+    """A bag of ROS 2 as one of ROS 1, of which some types have other names."""
+    rosbag1, typesys = library("rosbags.rosbag1"), library("rosbags.typesys")
+    store, writer = typesys.get_typestore(typesys.Stores.ROS1_NOETIC), rosbag1.Writer(path)
+    if compression is not None:
+        writer.set_compression(rosbag1.Writer.CompressionFormat[compression])
+    with library("rosbags.highlevel").AnyReader([bag]) as messages, writer:
+        connections = {}
+        for connection in messages.connections:
+            text, _ = messages.typestore.generate_msgdef(connection.msgtype)
+            for kind, old in ROS_1.items():
+                text = text.replace(kind.replace("/msg", ""), old.replace("/msg", ""))
+            kind = ROS_1.get(connection.msgtype, connection.msgtype)
+            own = typesys.get_types_from_msg(text, kind)
+            store.register({name: fields for name, fields in own.items() if name not in store.fielddefs})
+            connections[connection.id] = writer.add_connection(connection.topic, kind, typestore=store)
+        for connection, time_ns, data in messages.messages():
+            message = messages.typestore.cdr_to_ros1(data, connection.msgtype)
+            writer.write(connections[connection.id], time_ns, message)
+    return path
+
+
 @pytest.mark.parametrize("compression", ["NONE", "LZ4", "ZSTD"])
 def test_mcaps_of_another_writer(tmp_path: Path, library: Callable[[str], Any], compression: str) -> None:
     """Reference: the writer of mcap, with and without chunks. One that was cut off is refused."""
@@ -118,7 +167,7 @@ def test_mcaps_of_another_writer(tmp_path: Path, library: Callable[[str], Any], 
 
 
 @pytest.mark.filterwarnings("ignore::lidarscene.errors.OptionWarning")  # returns beyond 10 km are left out
-@pytest.mark.parametrize("suffix", ["mcap", "db3"])
+@pytest.mark.parametrize("suffix", ["mcap", "db3", "bag"])
 def test_a_spoilt_bag_is_refused_in_one_line(tmp_path: Path, library: Callable[[str], Any], suffix: str) -> None:
     """Bytes changed at random, in lengths, sizes and definitions too, where they do not only change values."""
     library("mcap.writer")
@@ -128,6 +177,8 @@ def test_a_spoilt_bag_is_refused_in_one_line(tmp_path: Path, library: Callable[[
     else:
         write_ros(tmp_path / "a", [small_cloud(3), small_cloud(5)], storage="sqlite3")
         path = tmp_path / "a" / "a.db3"
+    if suffix == "bag":
+        path = as_ros_1(tmp_path / "a", tmp_path / "a.bag", library)
     content, rng = path.read_bytes(), np.random.default_rng(1)
     complaints = []
     for _ in range(150):

@@ -18,7 +18,7 @@ EXTRAS = {
     "e57": {"pye57": "pye57"},
     "parquet": {"pyarrow": "pyarrow"},
     "pcd": {"lzf": "python-neo-lzf"},
-    "ros": {"mcap_ros2": "mcap-ros2-support"},
+    "ros": {"mcap_ros2": "mcap-ros2-support", "rosbags": "rosbags"},
     "osi": {"betterosi": "betterosi", "mcap": "mcap"},
     "rerun": {"rerun": "rerun-sdk"},
     "usd": {"pxr": "usd-core"},

@@ -1,11 +1,13 @@
-"""Read bags of ROS 2: messages by topic from files in SQLite or MCAP, compressed or not. Needs no ROS.
+"""Read bags: messages by topic from files of ROS 2 in SQLite or MCAP, compressed or not, and of ROS 1. Needs no ROS.
 
 A bag's metadata.yaml is not read: its files say all that is needed, also where a recorder left it incomplete. Nor are
-the definitions of its messages: those that are read here are the same everywhere, and older bags have none.
+the definitions of its messages: those that are read here are the same everywhere, and older bags have none. Messages of
+ROS 1 become those of ROS 2.
 """
 
 from __future__ import annotations
 
+import itertools
 import os
 import sqlite3
 import tempfile
@@ -21,7 +23,12 @@ from ..files.optional import import_optional
 from ..formats.ros_bag import decoder
 
 SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
-"""Files of a bag."""
+"""Files of a bag of ROS 2, whose folder may have several."""
+
+_RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"} | {
+    f"livox_ros_driver/msg/{name}": f"livox_ros_driver2/msg/{name}" for name in ("CustomMsg", "CustomPoint")
+}
+"""Types of messages of ROS 1 -> those with the same fields of ROS 2."""
 
 _ZSTD = b"\x28\xb5\x2f\xfd"
 """First bytes of a frame of Zstandard."""
@@ -71,7 +78,8 @@ class BagReader:
     def _open(self, path: Path) -> list[Message]:
         """Open a file and list its messages; a compressed one is decompressed among the system's temporary files."""
         if path.suffix != ".zstd":
-            return self._open_mcap(path) if path.suffix.lower() == ".mcap" else self._open_sqlite(path)
+            opened_by = {".mcap": self._open_mcap, ".bag": self._open_ros1}
+            return opened_by.get(path.suffix.lower(), self._open_sqlite)(path)
         with tempfile.NamedTemporaryFile(suffix=path.with_suffix("").suffix, delete=False) as unpacked:
             unpacked_path = Path(unpacked.name)
             try:
@@ -93,6 +101,28 @@ class BagReader:
             return bytes(database.execute("SELECT data FROM messages WHERE id = ?", (row_id,)).fetchone()[0])
 
         return [Message(time_ns, topic, partial(read, row_id)) for time_ns, topic, row_id in database.execute(query)]
+
+    def _open_ros1(self, path: Path) -> list[Message]:
+        typesys = import_optional("rosbags.typesys", extra="ros")
+        bag = import_optional("rosbags.rosbag1", extra="ros").Reader(path)
+        bag.open()
+        self._files.callback(bag.close)
+        types = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+
+        def read(connection: Any, time_ns: int, later: int) -> bytes:
+            at_once = bag.messages([connection], time_ns, time_ns + 1)
+            _, _, data = next(itertools.islice(at_once, later, None))
+            return bytes(types.ros1_to_cdr(data, connection.msgtype))
+
+        messages = []
+        for connection in bag.connections:
+            own = typesys.get_types_from_msg(connection.msgdef.data, connection.msgtype)
+            types.register({name: fields for name, fields in own.items() if name not in types.fielddefs})
+            self.topics[connection.topic] = _RENAMED.get(connection.msgtype, connection.msgtype)
+            for time_ns, together in itertools.groupby(entry.time for entry in bag.indexes[connection.id]):
+                parts = (partial(read, connection, time_ns, later) for later, _ in enumerate(together))
+                messages += [Message(time_ns, connection.topic, part) for part in parts]
+        return messages
 
     def _open_mcap(self, path: Path) -> list[Message]:
         """Pass all records of an MCAP once, and note the place of each message: its record's, and its index in it."""

@@ -68,7 +68,7 @@ def extras_of(path: str | os.PathLike[str], metadata: str | os.PathLike[str] | N
     if suffix in (".osf", ".pcap"):
         description = metadata_of(file, None if metadata is None else Path(metadata))
         return ("ouster",) if description is not None and description.suffix.lower() in (".json", ".osf") else ()
-    is_bag = suffix in (".mcap", ".db3") or (file / "metadata.yaml").is_file()
+    is_bag = suffix in (".mcap", ".db3", ".bag") or (file / "metadata.yaml").is_file()
     by_suffix = {".las": "las", ".laz": "las", ".feather": "parquet"}
     return ("ros",) if is_bag else (by_suffix[suffix],) if suffix in by_suffix else ()
 
@@ -125,6 +125,7 @@ READERS: dict[str, Reader] = {
     ".osf": _open_osf,
     ".mcap": _open_bag,
     ".db3": _open_bag,
+    ".bag": _open_bag,
     ".pcd.bin": _open_cloud,
     ".bin": _open_cloud,
     ".pcd": _open_cloud,
@@ -136,7 +137,7 @@ READERS: dict[str, Reader] = {
 """Suffix of a file's name, the longest first -> reader."""
 
 
-ONLY_RECORDINGS = (".pcap", ".osf", ".mcap", ".db3", ".bin", ".feather")
+ONLY_RECORDINGS = (".pcap", ".osf", ".mcap", ".db3", ".bag", ".bin", ".feather")
 """Suffixes of recordings; no cloud that lidarscene can read back has them."""
 
 EITHER = (".ply", ".pcd", ".las", ".laz")

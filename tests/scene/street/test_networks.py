@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -333,6 +334,13 @@ def test_fast_roads_without_pavements_have_guard_rails(homes: Tables, tmp_path: 
         nearest_m = lines_m[np.argmin(np.hypot(*(lines_m - place_m).T))]
         assert (nearest_m - place_m) @ front > 0.0
     assert len(rails) > 20
+
+
+def test_a_map_may_have_one_road_alone(tmp_path: Path) -> None:
+    """Rationale: netconvert was told to leave out roads that meet no other."""
+    (tmp_path / "map.osm").write_text(re.sub('  <way id="11".*', "", networks.OSM))
+    tables = network_scene(tmp_path / "map.osm", "osm", StreetFile(seed=4))
+    assert any(body["name"].startswith("road_") for body in tables["bodies"])
 
 
 @pytest.mark.usefixtures("mi")

@@ -472,13 +472,25 @@ def test_kerbs_of_pavements_are_where_the_road_is(keeps_to: float) -> None:
 
 
 def test_who_rolls_in_sumo_rolls(tmp_path: Path) -> None:
-    """People whose type is of SUMO's class `wheelchair`, which is 1.2 m long by default; all others walk."""
+    """People whose type is of SUMO's class `wheelchair`, which is 1.2 m long by default; all others walk, 0.215 m."""
     (tmp_path / "a.rou.xml").write_text('<routes><vType id="rolls" vClass="wheelchair"/><vType id="slow"/></routes>')
     types = sumo._types([tmp_path / "a.rou.xml"])
     people = [ElementTree.Element("person", {"type": kind, "x": "10", "angle": "90"}) for kind in ("rolls", "slow")]
-    (kind, length_m, pose), (other, *_) = (sumo._placed(thing, types) for thing in people)
+    (kind, length_m, pose), (other, _, its_pose) = (sumo._placed(thing, types) for thing in people)
     assert (kind, length_m, other) == ("wheelchair", 1.2, "pedestrian")
-    assert pose[0] == pytest.approx(9.4)
+    assert (pose[0], its_pose[0]) == pytest.approx((9.4, 10.0 - 0.5 * 0.215))
+
+
+@pytest.mark.parametrize("names", ["n r a", "net routes additional", "net-file route-files additional-files"])
+def test_options_of_sumo_have_other_names(tmp_path: Path, names: str) -> None:
+    for name in ("a.net.xml", "a.rou.xml", "a.add.xml"):
+        (tmp_path / name).write_text(f'<routes><vType id="of_{name}" vClass="bus" length="9"/></routes>')
+    values = zip(names.split(), ("a.net.xml", "a.rou.xml", "a.add.xml"), strict=True)
+    rows = "".join(f'<{name} value="{value}"/>' for name, value in values)
+    (tmp_path / "a.sumocfg").write_text(f"<configuration>{rows}</configuration>")
+    scenario = sumo.read_scenario(tmp_path / "a.sumocfg")
+    assert scenario.network == tmp_path / "a.net.xml"
+    assert {"of_a.rou.xml", "of_a.add.xml"} < scenario.types.keys()
 
 
 def test_traffic_of_the_left_is_told(tmp_path, monkeypatch):

@@ -80,6 +80,11 @@ SHARPEST_TURN_DEG = 120.0
 CLASSES: Mapping[str, Mapping[str, Any]] = catalog.street_parts()["sumo"]
 """SUMO's class -> length, classes of bodies and share, by streets.toml."""
 
+LONG_NAMES = {"n": "net-file", "net": "net-file", "r": "route-files", "routes": "route-files"} | dict.fromkeys(
+    ("a", "additional"), "additional-files"
+)
+"""Other names of a configuration's options -> the first."""
+
 DEFAULT_TYPES = {"DEFAULT_BIKETYPE": "bicycle", "DEFAULT_PEDTYPE": "pedestrian"}
 """SUMO's own types of vehicles that are no cars -> their class."""
 
@@ -175,7 +180,7 @@ def convert(map_file: Path, kind: Literal["opendrive", "osm"], folder: Path) -> 
     options = {
         "opendrive": ["--opendrive.curve-resolution", "1.0", "--type-files", types, "--ignore-errors"],
         "osm": [
-            *("--geometry.remove", "--ramps.guess", "--junctions.join", "--remove-edges.isolated"),
+            *("--geometry.remove", "--ramps.guess", "--junctions.join"),
             *("--tls.guess-signals", "--tls.join", "--sidewalks.guess", "--crossings.guess"),
         ],
     }[kind]
@@ -464,8 +469,8 @@ def read_scenario(path: Path) -> Scenario:
         InputError: if it is no configuration, or names no network
     """
     root = _xml(path)
-    values = {element.tag: element.get("value", "") for element in root.iter()}
-    name = values.get("net-file") or values.get("net") or values.get("n")
+    values = {LONG_NAMES.get(element.tag, element.tag): element.get("value", "") for element in root.iter()}
+    name = values.get("net-file")
     if not name:
         raise InputError(f"{path}: net-file: is missing")
     network = path.parent / name
@@ -573,8 +578,9 @@ def _placed(
 ) -> tuple[str, float, tuple[float, float, float, float]]:
     """Class and length of a vehicle or person, and x and y of its middle, yaw [degrees], and height of its front."""
     kind, length_m = types.get(thing.get("type", ""), ("passenger", class_entry("passenger")["length_m"]))
-    if thing.tag == "person" and kind != "wheelchair":
-        kind = "pedestrian"
+    if thing.tag == "person" and kind not in ("pedestrian", "wheelchair"):
+        # Their type has no class, and SUMO's default one is as long as a car.
+        kind, length_m = "pedestrian", class_entry("pedestrian")["length_m"]
     yaw_deg = 90.0 - float(thing.get("angle", 0.0))
     back_m = 0.5 * length_m
     x_m = float(thing.get("x", 0.0)) - back_m * float(np.cos(np.radians(yaw_deg)))
