@@ -7,9 +7,11 @@ import pickle
 import numpy as np
 import pytest
 from helpers.documentation import says
+from helpers.run_seed import run_seed
 from scipy.optimize import minimize_scalar
 
-from lidarscene import catalog, load_sensor
+from lidarscene import Outcome, catalog, load_sensor
+from lidarscene.detection.receiver import detect
 from lidarscene.errors import OptionWarning
 from lidarscene.physics.amplifier import high_pass
 from lidarscene.physics.amplifier.low_pass import LOW_PASSES
@@ -235,6 +237,22 @@ def test_a_filter_with_more_noise_than_raw_samples_is_told():
     # One line says that a receiver is too slow, whatever comes behind it.
     (slow,) = load_sensor("vlp-16", overrides=["tdc.bandwidth_mhz=50"]).doubts
     assert "is slow for a pulse" in slow
+
+
+@pytest.mark.parametrize(
+    ("counts", "off", "told"), [(1.3, (0.16, 0.25), True), (1.6, (0.02, 0.1), True), (2.0, (0.0, 0.06), False)]
+)
+def test_whole_counts_at_a_low_threshold_are_told(counts: float, off: tuple[float, float], told: bool) -> None:
+    """SPADs in pairs at the range of P_d 0.3, in the dark: the share found is off by as much as is said."""
+    overrides = ["detector.spads=16", "detector.coincidence=2", "histogram.shots=9", "histogram.threshold_slope=0"]
+    sensor = load_sensor("rs-e1", overrides=[*overrides, f"histogram.threshold_floor={counts}"])
+    assert [f"{counts:g} counts" in doubt for doubt in sensor.doubts] == [True] * told
+    target, pulse = Target(illuminance_klux=0.0), np.arange(8000, dtype=np.uint32)
+    # Over a bin, so that echoes lie anywhere in it.
+    ranges = plane.detection_range_m(sensor, target, 0.3)[0] + np.linspace(-0.075, 0.075, len(pulse))
+    found = detect(plane.echoes_of_plane(sensor, target, ranges), sensor, seed=run_seed(), pulse=pulse)
+    share = np.mean(found.outcome != Outcome.BELOW_THRESHOLD)
+    assert off[0] <= abs(share - 0.3) <= off[1]
 
 
 @pytest.mark.parametrize("name", catalog.names("sensors"))

@@ -63,6 +63,10 @@ class Scanner(Protocol):
     def aperture_share(self, pulse: Lanes) -> Lanes:
         """A(theta_r) / A(0) of (4): share of the receiver's aperture in each pulse's direction."""
 
+    @property
+    def typical_share(self) -> Lanes:
+        """A / A(0) in the direction for which ranges are told: 1 on the axis, behind prisms the mean of the pulses."""
+
     def background_share(self, pulse: Lanes) -> Lanes:
         """Share of aperture times field of view in each pulse's direction, for (8).
 
@@ -164,6 +168,11 @@ class Mechanism(HintedAttributes):
     def aperture_share(self, pulse: Lanes) -> Lanes:
         """A(theta_r) / A(0)."""
         return self._optics(pulse, self._mechanism(pulse))[1]
+
+    @property
+    def typical_share(self) -> Lanes:
+        """1: on the axis."""
+        return 1.0
 
     def background_share(self, pulse: Lanes) -> Lanes:
         """Aperture share: what stops the beam leaves the field of view unchanged."""

@@ -213,9 +213,12 @@ def test_range_map_is_the_range_at_each_cells_aperture():
     sensor = sensor_with_scanner(mid40())
     study = study_cells(sensor.scanner, SphereCells.of_size(0.5), 0.3)
     limit = reach.range_map_m(sensor, study, Target())
-    seen_cells = np.flatnonzero(np.isfinite(study.share))
+    seen_cells = np.flatnonzero(np.isfinite(study.share[:, 0]))
     for place in seen_cells[:: len(seen_cells) // 5]:
-        expected, _ = detection_range_m(sensor, Target(aperture_share=float(study.share[place])), 0.9)
+        echo, background = map(float, study.share[place])
+        # Prisms leave the background: it is that of the lens.
+        assert background == 1.0
+        expected, _ = detection_range_m(sensor, Target(aperture_share=echo, background_share=background), 0.9)
         assert limit[place] == pytest.approx(expected, rel=1e-4)
     assert np.array_equal(np.isnan(limit), study.pulses == 0)
     azimuth, elevation = SphereCells.of_size(0.5).middle_deg(study.cell)
@@ -240,10 +243,10 @@ def test_cells_between_pulses_see_the_ground_by_the_aperture_of_the_others():
     sensor = sensor_with_scanner(vlp16(), mounting=Pose(position_m=np.array([0.0, 0.0, 1.9])))
     cells = SphereCells.of_size(0.28)
     study = study_cells(sensor.scanner, cells, 0.2)
-    shares = np.where(np.arange(len(study.cell)) % 2 == 0, 0.25, np.nan)
+    shares = np.where(np.arange(2 * len(study.cell)) // 2 % 2 == 0, 0.25, np.nan).reshape(-1, 2)
     views = [
         reach.ground_view([sensor], cells, [replace(study, share=share)], Target(), half_m=20.0, step_m=0.5)
-        for share in (shares, np.full(len(shares), 0.25), np.full(len(shares), 1e-9))
+        for share in (shares, np.full(shares.shape, 0.25), np.full(shares.shape, 1e-9))
     ]
     assert np.array_equal(views[0].is_seen, views[1].is_seen)
     assert not views[2].is_seen.any()  # an aperture of nothing sees nothing

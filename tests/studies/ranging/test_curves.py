@@ -184,6 +184,7 @@ class Halving:
     """A scanner whose aperture falls from 1 in the middle to 1/2 at 10 degrees of elevation, both ways."""
 
     pulses: int = 201 * 41
+    typical_share: float = 1.0
 
     def angles(self, pulse):
         row, column = np.divmod(np.asarray(pulse), 201)
@@ -192,18 +193,47 @@ class Halving:
     def aperture_share(self, pulse):
         return 1.0 - 0.05 * np.abs(np.degrees(self.angles(pulse)[1]))
 
+    def background_share(self, pulse):
+        return 0.0 * np.asarray(pulse) + 2.0
+
+
+def test_prisms_leave_the_background():
+    """Refraction trades aperture for field of view: in the sun the range goes with the root of the share."""
+    avia = subjects(["livox-avia"])
+    (found,) = swept_over("elevation", avia, start=0, stop=30, count=2).curves
+    echo, background = aperture_laws.of_scanner(avia[0].sensor().scanner, "elevation", np.array([0.0, 30.0]))
+    target = Target(aperture_share=echo, background_share=1.0)
+    assert background == pytest.approx(np.ones(2))
+    assert echo[0] > 1.3 * echo[1]
+    assert found.values == pytest.approx(plane.detection_range_m(avia[0].sensor(), target, 0.9)[0], rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["livox-avia", "livox-horizon", "livox-mid-360", "livox-mid-40"])
+def test_ranges_are_told_for_the_mean_echo_behind_prisms(name):
+    """An echo is the mean of those that `render` has of a later frame; the background is that of the lens."""
+    sensor = load_sensor(name)
+    lens = dataclasses.replace(sensor, scanner=load_sensor("table1-apd").scanner)
+    told, whole = (plane.echoes_of_plane(each, Target(), 50.0) for each in (sensor, lens))
+    pulse = np.arange(7 * sensor.scanner.pulses, 8 * sensor.scanner.pulses, dtype=np.uint32)
+    share = np.mean(sensor.scanner.aperture_share(pulse))
+    assert told.peak_power_w / whole.peak_power_w == pytest.approx(share, rel=5e-3)
+    assert told.background_power_w == pytest.approx(whole.background_power_w, rel=1e-12)
+
 
 def test_aperture_of_a_scanner():
     angle = np.array([-10.0, -5.0, 0.0, 2.5, 10.0])
-    assert aperture_laws.of_scanner(Halving(), "elevation", angle) == pytest.approx([0.5, 0.75, 1.0, 0.875, 0.5])
-    assert aperture_laws.of_scanner(Halving(), "azimuth", angle) == pytest.approx(np.ones(5))
+    echo, background = aperture_laws.of_scanner(Halving(), "elevation", angle)
+    assert echo == pytest.approx([0.5, 0.75, 1.0, 0.875, 0.5])
+    assert background == pytest.approx(np.full(5, 2.0))
+    assert aperture_laws.of_scanner(Halving(), "azimuth", angle)[0] == pytest.approx(np.ones(5))
     assert aperture_laws.field_of_view_deg(Halving(), "elevation") == (-10.0, 10.0)
     with told("field of view | -10 | 10"):
         aperture_laws.of_scanner(Halving(), "elevation", np.array([0.0, 10.5]))
 
 
 def test_a_rasters_aperture_is_constant():
-    assert list(aperture_laws.of_scanner(BOTH[0].sensor().scanner, "azimuth", np.array([0.0, 170.0]))) == [1.0, 1.0]
+    shares = aperture_laws.of_scanner(BOTH[0].sensor().scanner, "azimuth", np.array([0.0, 170.0]))
+    assert [list(share) for share in shares] == [[1.0, 1.0]] * 2
 
 
 # --- axes -------------------------------------------------------------------------------------------

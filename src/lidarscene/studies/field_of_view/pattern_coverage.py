@@ -13,6 +13,7 @@ import numpy as np
 from ...errors import OptionError
 from ...maths.arrays import Numbers
 from ...scan import Scanner
+from ..ranging.aperture_laws import shares
 from .sphere_cells import SphereCells, convex_outline
 
 MOST_PULSES = 20_000_000
@@ -30,7 +31,7 @@ class FiredPulses:
 
     Attributes:
         direction: unit vectors in the sensor's frame, as the beam leaves: without jitter or the encoder's steps
-        share: effective aperture A(theta_r) over that on the axis, A(0)
+        share: (n, 2) effective aperture A(theta_r) over that on the axis, A(0), and the same times the field of view
     """
 
     time_s: Numbers
@@ -77,7 +78,7 @@ def fired_pulses(scanner: Scanner, time_s: float) -> FiredPulses:
         azimuth_deg=np.degrees(np.arctan2(y, x)),
         elevation_deg=np.degrees(np.arctan2(z, np.hypot(x, y))),
         direction=np.column_stack([x, y, z]),
-        share=np.asarray(scanner.aperture_share(pulse), dtype=np.float64) * np.ones(count),
+        share=np.column_stack(shares(scanner, pulse)),
     )
     return whole.until(time_s)
 
@@ -113,7 +114,7 @@ class CellMaps:
         pulses: number of pulses
         density: pulses per square degree
         revisit_s: mean time between visits; NaN for fewer than two
-        share: mean A(theta_r) / A(0) of its pulses; NaN without
+        share: (cells, 2) mean of its pulses' shares, of aperture and background; NaN without
     """
 
     cell: Numbers
@@ -150,9 +151,11 @@ def cell_maps(pulses: FiredPulses, cells: SphereCells, mask: Numbers, *, dwell_s
     starts = np.concatenate([[0], np.cumsum(count)])
     has_pulse = count > 0
     first_pulse = starts[:-1][has_pulse]
-    first_s, mean_share, revisit_s = (np.full(len(mask), value) for value in (np.inf, np.nan, np.nan))
+    first_s, revisit_s = (np.full(len(mask), value) for value in (np.inf, np.nan))
+    mean_share = np.full((len(mask), 2), np.nan)
     first_s[has_pulse] = time_s[first_pulse]
-    mean_share[has_pulse] = np.add.reduceat(share, first_pulse) / count[has_pulse] if len(first_pulse) else 0.0
+    if len(first_pulse):
+        mean_share[has_pulse] = np.add.reduceat(share, first_pulse) / count[has_pulse, None]
     starts_visit = np.ones(len(place), dtype=bool)
     starts_visit[1:] = (place[1:] != place[:-1]) | (time_s[1:] - time_s[:-1] >= dwell_s)
     visits = np.bincount(place[starts_visit], minlength=len(mask))

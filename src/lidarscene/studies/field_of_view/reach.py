@@ -31,14 +31,19 @@ fourth root."""
 def range_map_m(sensor: Sensor, maps: CellMaps, target: Target) -> Numbers:
     """Range [m] on this target in each cell, by the scanner's effective aperture there; NaN without a pulse."""
     limit = np.full(len(maps.cell), np.nan)
-    has_pulse = np.isfinite(maps.share)
+    has_pulse = np.isfinite(maps.share[:, 0])
     if not has_pulse.any():
         return limit
-    steps, step_index = np.unique(np.rint(maps.share[has_pulse] / _SHARE_STEP), return_inverse=True)
-    along = replace(target, aperture_share=np.maximum(steps * _SHARE_STEP, 0.0))
+    steps, step_index = np.unique(np.rint(maps.share[has_pulse] / _SHARE_STEP), axis=0, return_inverse=True)
+    along = _seen_by(target, steps * _SHARE_STEP)
     range_m, _ = detection_range_m(sensor, along, PROBABILITY)
     limit[has_pulse] = np.asarray(range_m)[step_index.ravel()]
     return limit
+
+
+def _seen_by(target: Target, share: Numbers) -> Target:
+    """Target in directions with these shares (n, 2) of aperture and background."""
+    return replace(target, aperture_share=share[:, 0], background_share=share[:, 1])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -103,9 +108,9 @@ def ground_view(
         cell = cells.locate(azimuth, elevation)
         place = np.minimum(np.searchsorted(cell_maps.cell, cell), len(cell_maps.cell) - 1)
         # A cell of the outline between pulses has no aperture of its own: it gets the mean of the others.
-        mean_share = float(np.nanmean(cell_maps.share))
+        mean_share = np.nanmean(cell_maps.share, axis=0)
         share = np.where(np.isfinite(cell_maps.share), cell_maps.share, mean_share)[place]
-        tilted_target = replace(target, cos_incidence=height_m / distance_m, aperture_share=share)
+        tilted_target = replace(_seen_by(target, share), cos_incidence=height_m / distance_m)
         is_detected = detection_probability(sensor, tilted_target, distance_m) >= PROBABILITY
         is_seen[number] = ((cell_maps.cell[place] == cell) & is_detected).reshape(is_seen.shape[1:])
     return GroundView(x_m=axis, y_m=axis, is_seen=is_seen)

@@ -53,34 +53,44 @@ _SLICE = 0.02
 
 def field_of_view_deg(scanner: Scanner, axis: str) -> tuple[float, float]:
     """Smallest and largest angle of a frame along "elevation" or "azimuth"."""
-    along, _, _ = _frame(scanner, axis)
+    along = _frame(scanner, axis)[0]
     return round(float(along.min()), 4), round(float(along.max()), 4)
 
 
-def of_scanner(scanner: Scanner, axis: str, angle_deg: Numbers) -> Numbers:
-    """A(theta) as the sensor's own scanner has it, which is what `render` uses.
+def of_scanner(scanner: Scanner, axis: str, angle_deg: Numbers) -> tuple[Numbers, Numbers]:
+    """A(theta) as the sensor's own scanner has it, which is what `render` uses; and the same times the field of view.
 
-    Along one axis, from the pulses of a frame that are nearest to zero on the other, with linear interpolation.
+    Along one axis, from the pulses of a frame that are nearest to zero on the other, with linear interpolation. Prisms
+    change the aperture and not its product with the field of view, so that the background stays.
 
     Raises:
         InputError: outside the scanner's field of view, unless the share is one everywhere (a raster)
     """
-    along, across, share = _frame(scanner, axis)
-    if np.all(share == share[0]):
-        return np.full_like(angle_deg, share[0])
+    along, across, *found = _frame(scanner, axis)
+    if all(np.all(share == share[0]) for share in found):
+        echo, background = (np.full_like(angle_deg, share[0]) for share in found)
+        return echo, background
     low, high = field_of_view_deg(scanner, axis)
     if np.min(angle_deg) < low - 1e-3 or np.max(angle_deg) > high + 1e-3:
         must = f"the scanner's field of view is {low:g} to {high:g} degrees (or another {{aperture_law}})"
         raise OptionError(f"{{over}} {{0}}: {must}, got {np.min(angle_deg):g} to {np.max(angle_deg):g}", axis)
     near = np.abs(across) <= np.quantile(np.abs(across), _SLICE)
     order = np.argsort(along[near], kind="stable")
-    return np.asarray(np.interp(angle_deg, along[near][order], share[near][order]))
+    echo, background = (np.asarray(np.interp(angle_deg, along[near][order], share[near][order])) for share in found)
+    return echo, background
 
 
-def _frame(scanner: Scanner, axis: str) -> tuple[Numbers, Numbers, Numbers]:
-    """Angles along and across the axis in degrees, and aperture shares, of a frame's pulses."""
+def shares(scanner: Scanner, pulse: Numbers) -> tuple[Numbers, Numbers]:
+    """(n,) shares of pulses: of aperture over the typical one, and of aperture times field of view."""
+    ones = np.ones(len(pulse))
+    echo = np.asarray(scanner.aperture_share(pulse)) / scanner.typical_share
+    return echo * ones, np.asarray(scanner.background_share(pulse)) * ones
+
+
+def _frame(scanner: Scanner, axis: str) -> tuple[Numbers, ...]:
+    """Angles along and across the axis in degrees, and shares of aperture and background, of a frame's pulses."""
     count = min(scanner.pulses, _PULSES)
     pulse = np.unique(np.linspace(0, scanner.pulses - 1, count).astype(np.uint32))
     azimuth, elevation = (np.degrees(np.asarray(angle_rad, dtype=np.float64)) for angle_rad in scanner.angles(pulse))
-    share = np.asarray(scanner.aperture_share(pulse), dtype=np.float64) * np.ones_like(azimuth)
-    return (elevation, azimuth, share) if axis == "elevation" else (azimuth, elevation, share)
+    along, across = (elevation, azimuth) if axis == "elevation" else (azimuth, elevation)
+    return along, across, *shares(scanner, pulse)

@@ -127,9 +127,10 @@ def _target_along(sensor: Sensor, target: Target, question: Question, x: Numbers
         case "incidence":
             return replace(target, cos_incidence=np.maximum(np.cos(np.radians(x)), 0.0))
         case "elevation" | "azimuth":
-            is_scanner_law = question.law == "scanner"
-            share = of_scanner(sensor.scanner, question.axis.key, x) if is_scanner_law else LAWS[question.law](x)
-            return replace(target, aperture_share=np.maximum(share, 0.0))
+            law = question.law
+            shares = of_scanner(sensor.scanner, question.axis.key, x) if law == "scanner" else (LAWS[law](x),) * 2
+            echo, background = (np.maximum(share, 0.0) for share in shares)
+            return replace(target, aperture_share=echo, background_share=background)
     return target
 
 

@@ -67,7 +67,9 @@ class Target:
     """A Lambertian plane wider than the spot, and the light and air around it (Table 1 by default).
 
     Attributes:
-        aperture_share: effective aperture A(theta_r) of (4) over that on the axis; see `studies.ranging.aperture_laws`
+        aperture_share: effective aperture A(theta_r) of (4) over that of `Scanner.typical_share`; see
+            `studies.ranging.aperture_laws`
+        background_share: aperture times field of view over that on the axis, for (8); None: as ``aperture_share``
     """
 
     reflectivity: Lanes = 0.1
@@ -78,6 +80,12 @@ class Target:
     transmittance: Lanes = 0.98
     extinction_per_m: Lanes = 0.0
     aperture_share: Lanes = 1.0
+    background_share: Lanes | None = None
+
+    @property
+    def background_aperture(self) -> Lanes:
+        """Share of the background's aperture, `background_share` or that of the echo."""
+        return self.aperture_share if self.background_share is None else self.background_share
 
 
 def conditions_shape(sensor: Sensor, target: Target) -> tuple[int, ...]:
@@ -129,7 +137,8 @@ def light_of_plane(sensor: Sensor, target: Target, range_m: Lanes) -> Echoes:
         pulse=0,
         origin_m=(0.0, 0.0, 0.0),
         direction=(1.0, 0.0, 0.0),
-        aperture_m2=sensor.optics.aperture_m2 * target.aperture_share,
+        aperture_m2=_aperture_m2(sensor, target),
+        background_aperture_m2=sensor.optics.aperture_m2 * target.background_aperture,
     )
     ambient = Ambient(
         sun_irradiance_w_m2=sun,
@@ -138,6 +147,11 @@ def light_of_plane(sensor: Sensor, target: Target, range_m: Lanes) -> Echoes:
         extinction_per_m=target.extinction_per_m,
     )
     return receive(beams, hits, sensor, ambient)
+
+
+def _aperture_m2(sensor: Sensor, target: Target) -> Lanes:
+    """Effective aperture of the echo."""
+    return sensor.optics.aperture_m2 * (sensor.scanner.typical_share * target.aperture_share)
 
 
 def echoes_of_plane(sensor: Sensor, target: Target, range_m: Numbers | float) -> Echoes:
@@ -182,7 +196,7 @@ def fluctuation_variance(sensor: Sensor, target: Target, range_m: Lanes) -> Lane
     law = FluctuationLaw.of(sensor, Air())
     if law is None:
         return None
-    aperture_m2 = sensor.optics.aperture_m2 * target.aperture_share
+    aperture_m2 = _aperture_m2(sensor, target)
     return law.variance(range_m=range_m, cos_incidence=target.cos_incidence, aperture_m2=aperture_m2)
 
 
@@ -380,8 +394,11 @@ def closed_form_range_m(sensor: Sensor, target: Target) -> Any:
     echo = ones * target.reflectivity * target.cos_incidence * target.transmittance * target.aperture_share
     # The sky's share of the radiance adds to cos(theta_s) under the root, so the forms hold with a sky too.
     daylight = np.maximum(target.cos_sun, 0.0) + target.diffuse_share
-    dark = ones * target.illuminance_klux * optics.sun_irradiance_w_m2 * daylight <= _NOTHING
-    sun_irradiance_w_m2 = optics.sun_irradiance_w_m2 * target.illuminance_klux / 100.0
+    # The forms have one aperture: what the background has more of it is as much more sun.
+    aperture_m2 = _aperture_m2(sensor, target)
+    sunlight_share = optics.aperture_m2 * target.background_aperture / np.maximum(aperture_m2, _NOTHING)
+    dark = ones * target.illuminance_klux * optics.sun_irradiance_w_m2 * daylight * sunlight_share <= _NOTHING
+    sun_irradiance_w_m2 = optics.sun_irradiance_w_m2 * target.illuminance_klux / 100.0 * sunlight_share
     wall = range_limit.Plane(
         reflectivity=np.where(echo > _NOTHING, target.reflectivity, 1.0),
         sun_irradiance_w_m2=np.where(dark, 1.0, sun_irradiance_w_m2),
@@ -391,7 +408,7 @@ def closed_form_range_m(sensor: Sensor, target: Target) -> Any:
     )
     receiver = range_limit.Transceiver(
         peak_power_w=laser.peak_power_w,
-        aperture_m2=np.where(echo > _NOTHING, optics.aperture_m2 * target.aperture_share, 1.0),
+        aperture_m2=np.where(echo > _NOTHING, aperture_m2, 1.0),
         focal_over_radius=optics.focal_length_m / detector.radius_m,
         threshold_to_noise=sensor.tdc.threshold_to_noise,
         photon_energy_j=laser.photon_energy_j,

@@ -73,7 +73,7 @@ def background_w(sensor: Sensor, target: Target, *, sky: bool) -> Numbers:
     sky_irradiance = sunlight.sky_irradiance_w_m2(sun_irradiance_w_m2=sun, diffuse_share=target.diffuse_share)
     power = radiometry.background_power_w(
         radiance_w_m2_sr=sunlight.sky_radiance_w_m2_sr(sky_irradiance_w_m2=sky_irradiance),
-        aperture_m2=sensor.optics.aperture_m2 * target.aperture_share,
+        aperture_m2=sensor.optics.aperture_m2 * target.background_aperture,
         transmittance=target.transmittance,
         field_of_view_sr=radiometry.field_of_view_solid_angle_sr(
             detector_radius_m=sensor.detector.radius_m, focal_length_m=sensor.optics.focal_length_m
