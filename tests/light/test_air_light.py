@@ -22,9 +22,9 @@ BEAM = (
 )
 
 
-def lit_air(weather, *overrides):
+def lit_air(weather, *overrides, name="table1-apd"):
     """A sensor and the air's light as it has it."""
-    equipped = trains.sensor("table1-apd", *overrides)
+    equipped = trains.sensor(name, *overrides)
     extinction = weather.extinction_at_per_m(equipped.laser.wavelength_m)
     return equipped, air_light(weather, equipped, extinction_per_m=extinction), extinction
 
@@ -131,15 +131,23 @@ def test_what_is_drawn_and_what_is_even_are_the_whole_rain(monkeypatch):
     assert abs(light.mean() - expected) < 5.0 * error + 0.02 * expected
 
 
-def test_as_many_drops_as_the_beam_holds(monkeypatch):
+@pytest.mark.parametrize(
+    ("name", "overrides", "above", "slopes", "sweep_rad"),
+    [
+        ("table1-apd", BEAM, 20.0, (1.5e-3, 0.5e-3), 0.0),
+        ("os1-128", (), 1.2, (2.65e-3, 2.65e-3), 2.0 * math.pi * 10.0 * 27 * 1.8e-6),
+    ],
+)
+def test_as_many_drops_as_the_beam_holds(monkeypatch, name, overrides, above, slopes, sweep_rad):
     """Drops of 4 to 10 m that are stronger than a level: their mean number is int n S dR, S = pi w_1 w_2 the beam's
-    cross-section by its two divergences, n of the drops from the size on whose echo there is as strong. At 1e-6.
+    cross-section by its two divergences and the turn of its head, whose variance is a twelfth of its square, n of the
+    drops from the size on whose echo there is as strong. At 1e-6.
     """
     drops.as_bright_as_their_faces(monkeypatch)
-    equipped, air, extinction = lit_air(RAIN, *BEAM)
+    equipped, air, extinction = lit_air(RAIN, *overrides, name=name)
     ((tables, _),) = air.particles
     (medium,) = RAIN.media(equipped.laser.wavelength_m)
-    level = 20.0 * math.exp(float(tables.log_strength.values[-1]))
+    level = above * math.exp(float(tables.log_strength.values[-1]))
     pulse = np.arange(60_000, dtype=np.uint32)
     lanes = {"scale": np.ones(len(pulse)), "end_m": np.full(len(pulse), 1e3), "seed": 5, "pulse": pulse}
     counted = sum(
@@ -147,7 +155,8 @@ def test_as_many_drops_as_the_beam_holds(monkeypatch):
         for echo in air.sub_echoes(**lanes)
     )
     range_m, diameter_m = np.linspace(4.0, 10.0, 601), np.linspace(0.0, 15e-3, 6001)
-    area = math.pi * np.hypot(5e-3, 1.5e-3 * range_m) * np.hypot(5e-3, 0.5e-3 * range_m)
+    first, second = (np.hypot(5e-3, slope * range_m) for slope in slopes)
+    area = math.pi * np.hypot(first, 2.0 * math.sqrt(1.0 / 12.0) * sweep_rad * range_m) * second
     share = np.asarray(overlap_of(equipped).share(range_m))
     needed = level * area * range_m**2 / (share * np.exp(-2.0 * extinction * range_m))
     sigma = np.asarray(medium.particle_m2_sr(diameter_m=diameter_m))

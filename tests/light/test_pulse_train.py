@@ -2,14 +2,15 @@
 
 import numpy as np
 import pytest
-from helpers import trains
+from helpers import drops, trains
 
-from lidarscene.light.air_light import AirLight
+from lidarscene.light.air_light import AirLight, air_light
 from lidarscene.light.beams import Beams
 from lidarscene.light.echoes import Ambient, Echoes
 from lidarscene.light.footprint import Skirt
 from lidarscene.light.pulse_train import LitAir, join_echoes
 from lidarscene.maths.arrays import LookupTable
+from lidarscene.scene.weather import Weather
 
 RAYS, PULSES = 4, 2
 LANES = np.arange(RAYS * PULSES, dtype=float)
@@ -95,3 +96,27 @@ def test_air_ends_where_the_rays_of_the_core_do(halo, edges_m, ends_m):
     np.testing.assert_allclose(share / near_m + (1.0 - share) / ends_m, np.mean(1.0 / np.array(edges_m), axis=1))
     assert share[1] == pytest.approx(0.0 if halo else 0.25)
     np.testing.assert_allclose(volume.scale, 45.0 * 0.5 * 0.8**2 * np.array([2e-3, 3e-3]))
+
+
+def test_a_drop_before_a_slope_is_as_long_as_the_pulse(monkeypatch):
+    """A slope of 30 m makes echoes three times as long, but not those of pulses that a brighter drop returns."""
+    drops.as_bright_as_their_faces(monkeypatch)
+    equipped = trains.sensor("table1-apd", "laser.divergence_mrad=3")
+    light = air_light(Weather(rain_mm_h=20.0), equipped, extinction_per_m=0.003)
+    ambient = Ambient(sun_irradiance_w_m2=0.0, sky_irradiance_w_m2=0.0, transmittance=1.0, extinction_per_m=0.003)
+    pulse = np.arange(200, dtype=np.uint32)
+    air = LitAir(light=light, sensor=equipped, ambient=ambient, seed=1, pulse=pulse)
+    ones = np.ones(len(pulse))
+    slope = Echoes(
+        has_surface=ones > 0.0,
+        range_m=30.0 * ones,
+        peak_power_w=np.geomspace(1e-9, 1e-6, len(pulse)),
+        background_power_w=ones,
+        broadening=3.0 * ones,
+    )
+    beams = Beams(pulse=pulse, origin_m=(0.0, 0.0, 0.0), direction=(1.0, 0.0, 0.0), aperture_m2=2e-3)
+    train = join_echoes([slope], beams, rays=1, air=air)
+    brightest_w = np.max([part.peak_power_w for part in train.parts[1:]], axis=0)
+    before = brightest_w > slope.peak_power_w
+    assert 20 < before.sum() < 180
+    np.testing.assert_array_equal(train.broadening, np.where(before, 1.0, 3.0))

@@ -257,7 +257,11 @@ def _nearest_m(overlap: Overlap, far_m: float) -> float:
 
 
 def _area_m2(sensor: Sensor) -> Callable[[Numbers], Numbers]:
-    """Cross-section of the beam over range, pi times the radii on both axes; 0 for a beam of no width."""
+    """Cross-section of the beam over range, pi times the radii on both axes; 0 for a beam of no width.
+
+    A head that turns while it sums shots lights each drop with some of them: its beam counts as the wider one of the
+    same variance, (T126).
+    """
     laser = sensor.laser
     waist = 0.5 * (laser.exit_diameter_m or 0.0)
     second = laser.divergence_rad if laser.divergence_elevation_rad is None else laser.divergence_elevation_rad
@@ -266,6 +270,6 @@ def _area_m2(sensor: Sensor) -> Callable[[Numbers], Numbers]:
 
     def area(range_m: Numbers) -> Numbers:
         a, b = (np.hypot(waist, slope * range_m) for slope in slopes)
-        return np.asarray(math.pi * a * b)
+        return np.asarray(math.pi * np.hypot(a, sensor.sweep_rad / math.sqrt(3.0) * range_m) * b)
 
     return area

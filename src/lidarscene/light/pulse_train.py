@@ -114,13 +114,14 @@ def join_echoes(
         ),
         white_w_m2=pulse_value(first.white_w_m2),
         fluctuation=fluctuation,
-        broadening=_of_the_strongest(paths, [path.broadening for path in paths]),
+        # A drop does not lean: its echo is as long as the pulse.
+        broadening=_of_the_strongest([*paths, *drops], [*(path.broadening for path in paths), *(1.0 for _ in drops)]),
         row_slope=None if row_slope is None else ray_mean(row_slope),
     )
 
 
-def _of_the_strongest(paths: Sequence[Echoes], values: Sequence[Lanes | None]) -> Lanes | None:
-    """Value of the strongest of each ray's paths, for all of them; None without."""
+def _of_the_strongest(paths: Sequence[Echoes | SubEchoes], values: Sequence[Lanes | None]) -> Lanes | None:
+    """Value of the strongest of each ray's paths, or of its echoes, for all of them; None without."""
     strongest, power_w = values[0], paths[0].peak_power_w
     for path, value in zip(paths[1:], values[1:], strict=True):
         if strongest is None or value is None:
