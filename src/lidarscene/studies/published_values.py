@@ -16,6 +16,7 @@ import numpy as np
 from ..detection.outcomes import Status
 from ..detection.receiver import detect
 from ..figures.report import text_table
+from ..light.fluctuations import fluctuate
 from ..maths.units import key_in_si
 from ..physics.constants import SPEED_OF_LIGHT_M_S
 from ..sensor.readout import PublishedFile, RepeatabilityFile
@@ -25,7 +26,14 @@ from .fit.published_fit import PublishedRanges, exponents, fit_published, nights
 from .held import LIMITS, Held, Limits, held_table, relative
 from .ranging import statistics
 from .ranging.conditions import PROBABILITY
-from .ranging.plane import Target, detection_probability, detection_range_m, echoes_of_plane, maximum_range_m
+from .ranging.plane import (
+    Target,
+    detection_probability,
+    detection_range_m,
+    echoes_of_plane,
+    fluctuation_variance,
+    maximum_range_m,
+)
 from .ranging.sensitivities import parameters
 
 SHOTS = 20_000
@@ -73,7 +81,11 @@ def scatter_m(sensor: Sensor, target: Target, *, range_m: float, snr: float | No
         if point.response.largest is not None and np.any(level > point.response.largest):
             return None  # more than the cells can show
         light = replace(light, peak_power_w=point.response.power_w(level))
-    stop = detect(light, sensor, seed=_SEED, pulse=np.arange(SHOTS, dtype=np.uint32)).stops[0]
+    pulse = np.arange(SHOTS, dtype=np.uint32)
+    variance = fluctuation_variance(sensor, target, light.range_m)
+    if variance is not None:
+        light = fluctuate(light, variance, seed=_SEED, pulse=pulse)
+    stop = detect(light, sensor, seed=_SEED, pulse=pulse).stops[0]
     echo = stop.reported & (stop.status == int(Status.ECHO))
     errors = (np.asarray(stop.range_m) - ranges)[np.asarray(echo)]
     return float(np.std(errors)) if errors.size > SHOTS // 100 else None
