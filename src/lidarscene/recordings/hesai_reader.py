@@ -36,7 +36,7 @@ from ..maths.arrays import Numbers
 from ..maths.pose import direction_from_angles
 from ..scan.spinning import Spinning
 from ..sensor.sensor_file import load_sensor
-from .pcap_reader import Packets, in_order, turns_of
+from .pcap_reader import MOST_LOST, Packets, in_order, turns_of
 from .recording import Recording
 from .sweep import Second, Sweep
 from .units.hesai_unit import MirrorCorrections, read_hesai, read_mirror
@@ -164,9 +164,6 @@ BLOCK_START = b"\xff\xee"
 
 RETURNS = {0x33: 1, 0x34: 1, 0x37: 1, 0x38: 1, 0x39: 2, 0x3A: 2, 0x3B: 2, 0x3C: 2, 0x3D: 3, 0x3E: 2}
 """Mode of returns -> blocks of a firing."""
-
-MOST_LOST = 5_000
-"""Choice: packets that one frame may lack between two others, more than those of a turn."""
 
 LEAST_STEPS = 3
 """Distances of an OT128 that say why there is no return: too close, too close for the far field, nothing came back."""

@@ -31,6 +31,9 @@ UDP = 17
 LATEST_S = 0.1
 """Choice: time by which a network hands a packet on too late, at most; a clock that goes farther back was set."""
 
+MOST_LOST = 5_000
+"""Choice: firings or packets that one frame may lack between two others: those of a turn at the lowest speed."""
+
 
 class Packets(Sequence[Packet]):
     """Packets of a file, each read when it is indexed: those of a long drive do not fit into memory."""

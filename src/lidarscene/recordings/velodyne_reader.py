@@ -18,7 +18,7 @@ from ..files.optional import import_optional
 from ..formats.cloud_description import input_errors
 from ..formats.packets.layouts import VELODYNE_BANKS, VELODYNE_PACKET, Packet
 from ..maths.arrays import Numbers
-from .pcap_reader import Packets, in_order, turns_of
+from .pcap_reader import MOST_LOST, Packets, in_order, turns_of
 from .recording import Recording
 from .sweep import Second, Sweep
 
@@ -37,9 +37,6 @@ stamps begin again."""
 
 WARM_UP_PACKETS = 2
 """Packets before a frame from which the decoder measures how fast the sensor turns, and how long a packet lasts."""
-
-MOST_LOST = 5_000
-"""Choice: firings that one frame may lack between two others, those of a turn at the lowest speed."""
 
 CHANNELS = (16, 32, 64, 128)
 """Numbers of channels of all models. That of a recording is the next above its highest channel with a point, since the
