@@ -43,9 +43,9 @@ class FalsePoints:
 def false_points(sensor: Sensor, target: Target, range_m: float | None = None) -> FalsePoints:
     """Expected false points of a frame whose pulses all meet this target, or for a range of None the sky.
 
-    Exact for the Poisson alarms of (10) and a converter that keeps its first stops, of any number: alarms before the echo
-    may take its stop, and alarms after it need a stop that is still free. Of one that keeps the last or the strongest
-    only without an echo in the window.
+    Exact for the Poisson alarms of (10) and a converter that keeps its first stops, of any number: alarms before the
+    echo may take its stop, and alarms after it need a stop that is still free. Of one that keeps the last or the
+    strongest only without an echo in the window.
     """
     point = sensor.working_point(background_w(sensor, target, sky=range_m is None))
     rate = float(np.ravel(_alarms_hz(sensor, point, sensor.threshold(point)))[0])
