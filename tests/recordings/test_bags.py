@@ -141,7 +141,7 @@ def as_ros_1(bag: Path, path: Path, library: Callable[[str], Any], compression: 
                 text = text.replace(kind.replace("/msg", ""), old.replace("/msg", ""))
             kind = ROS_1.get(connection.msgtype, connection.msgtype)
             own = typesys.get_types_from_msg(text, kind)
-            store.register({name: fields for name, fields in own.items() if name not in store.fielddefs})
+            store.register({name: fields for name, fields in own.items() if name not in store.types})
             connections[connection.id] = writer.add_connection(connection.topic, kind, typestore=store)
         for connection, time_ns, data in messages.messages():
             message = messages.typestore.cdr_to_ros1(data, connection.msgtype)

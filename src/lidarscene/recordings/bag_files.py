@@ -116,8 +116,9 @@ class BagReader:
 
         messages = []
         for connection in bag.connections:
-            own = typesys.get_types_from_msg(connection.msgdef.data, connection.msgtype)
-            types.register({name: fields for name, fields in own.items() if name not in types.fielddefs})
+            text = getattr(connection.msgdef, "data", connection.msgdef)  # a text before rosbags 0.10
+            own = typesys.get_types_from_msg(text, connection.msgtype)
+            types.register({name: fields for name, fields in own.items() if name not in types.types})
             self.topics[connection.topic] = _RENAMED.get(connection.msgtype, connection.msgtype)
             for time_ns, together in itertools.groupby(entry.time for entry in bag.indexes[connection.id]):
                 parts = (partial(read, connection, time_ns, later) for later, _ in enumerate(together))
