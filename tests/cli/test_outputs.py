@@ -1,6 +1,7 @@
 """`render` in every format, with labels, range images and data sets; mistakes before anything is traced."""
 
 import json
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,9 @@ from helpers.command_line import BEAMS, COARSE, Run
 
 from lidarscene import load_sensor
 from lidarscene.cloud.point_cloud import PointCloud
-from lidarscene.errors import LidarSceneError
+from lidarscene.errors import LidarSceneError, OptionWarning
 from lidarscene.formats.registry import FORMATS, LABELS
+from lidarscene.outputs.plan import _tell_of_later_frames
 
 pytestmark = pytest.mark.usefixtures("mi")
 
@@ -63,6 +65,16 @@ def test_labels_of_frames_and_of_deskewed_clouds(run: Run, wall: str, tmp_path: 
     assert sorted(p.name for p in (tmp_path / "d").iterdir()) == sorted(expected)
     ran = run("render", wall, "-o", "d", "--frames", "1", "--format", "npz", *COARSE)
     assert (ran.code, ran.err.count("holds frame_0001.deskewed.npz of an earlier run")) == (0, 1), ran.err
+
+
+def test_frames_of_an_earlier_run_come_later_by_number(tmp_path: Path) -> None:
+    """Rationale: by name frame_10000 comes before frame_9999."""
+    paths = [tmp_path / f"frame_{number}.npz" for number in (9999, 10000)]
+    paths[1].touch()
+    with pytest.warns(OptionWarning, match=r"holds frame_10000\.npz of an earlier run.* frame_9999\.npz"):
+        _tell_of_later_frames(paths[:1], refuse=False)
+    with warnings.catch_warnings(action="error"):
+        _tell_of_later_frames(paths, refuse=True)
 
 
 def test_data_sets(run: Run, wall: str, tmp_path: Path) -> None:
