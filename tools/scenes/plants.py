@@ -164,30 +164,17 @@ def birch():
 
 def bush():
     """Part name -> Mesh of a round bush of 1.5 m."""
-    return _crown(
-        height_m=1.5,
-        foot_m=0.05,
-        radii_m=(0.75, 0.75),
-        leaves=900,
-        size_m=(0.045, 0.03),
-        seed=9000,
-        stem_m=0.025,
-        branches=6,
-    )
+    return _bush(height_m=1.5, radius_m=0.75, size_m=(0.045, 0.03), seed=9000, branches=6)
 
 
 def juniper():
     """Part name -> Mesh of a bush like a column, of 1.9 m."""
-    return _crown(
-        height_m=1.9,
-        foot_m=0.05,
-        radii_m=(0.32, 0.32),
-        leaves=900,
-        size_m=(0.035, 0.02),
-        seed=9200,
-        stem_m=0.025,
-        branches=8,
-    )
+    return _bush(height_m=1.9, radius_m=0.32, size_m=(0.035, 0.02), seed=9200, branches=8)
+
+
+def _bush(*, height_m, radius_m, **crown):
+    """Part name -> Mesh of a bush whose leaves begin at the ground; other arguments as of `_crown`."""
+    return _crown(height_m=height_m, foot_m=0.05, radii_m=(radius_m, radius_m), leaves=900, stem_m=0.025, **crown)
 
 
 def hedge(*, length_m=2.0, width_m=0.6, height_m=1.3, seed=9500):
