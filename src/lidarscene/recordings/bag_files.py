@@ -25,8 +25,9 @@ from ..formats.ros_bag import decoder
 SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
 """Files of a bag of ROS 2, whose folder may have several."""
 
-_RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"} | {
-    f"livox_ros_driver/msg/{name}": f"livox_ros_driver2/msg/{name}" for name in ("CustomMsg", "CustomPoint")
+_RENAMED = {
+    "tf/msg/tfMessage": "tf2_msgs/msg/TFMessage",
+    "livox_ros_driver/msg/CustomMsg": "livox_ros_driver2/msg/CustomMsg",
 }
 """Types of messages of ROS 1 -> those with the same fields of ROS 2."""
 
@@ -103,6 +104,7 @@ class BagReader:
         return [Message(time_ns, topic, partial(read, row_id)) for time_ns, topic, row_id in database.execute(query)]
 
     def _open_ros1(self, path: Path) -> list[Message]:
+        """List the messages of a bag of ROS 1 by its index; each becomes one of ROS 2 when it is read."""
         typesys = import_optional("rosbags.typesys", extra="ros")
         bag = import_optional("rosbags.rosbag1", extra="ros").Reader(path)
         bag.open()
@@ -117,8 +119,8 @@ class BagReader:
         messages = []
         for connection in bag.connections:
             text = getattr(connection.msgdef, "data", connection.msgdef)  # a text before rosbags 0.10
-            own = typesys.get_types_from_msg(text, connection.msgtype)
-            types.register({name: fields for name, fields in own.items() if name not in types.types})
+            defined = typesys.get_types_from_msg(text, connection.msgtype)
+            types.register({name: fields for name, fields in defined.items() if name not in types.types})
             self.topics[connection.topic] = _RENAMED.get(connection.msgtype, connection.msgtype)
             for time_ns, together in itertools.groupby(entry.time for entry in bag.indexes[connection.id]):
                 parts = (partial(read, connection, time_ns, later) for later, _ in enumerate(together))

@@ -90,6 +90,10 @@ PARKED_GAP_M = 0.6
 BORDER_M, BORDER_STEP_M, GATE_M = 0.45, 2.08, 2.6
 """Choice: distance of hedges and fences from the pavement, from one piece to the next, and width of a garden's gate."""
 
+GATEPOST_M, GATEPOST_HALF_M = 0.25, 0.24
+"""Choice: distance of a gatepost's middle from the end of the hedge or fence, and half the side of the square that it
+takes."""
+
 WORKS_SHARE, WORKS_M, CONE_STEP_M = 0.15, 14.0, 3.5
 """Choice: share of sides of blocks where works close parking bays, their length, and distance from cone to cone."""
 
@@ -508,15 +512,15 @@ def _build_houses(layout: Layout, block: Block, side: int, district: District, r
 
 def _border_garden(layout: Layout, district: District, side: int, x_m: float, width_m: float) -> None:
     """Place a hedge or a fence along a plot where there is room, with two posts of a gate in a gap in its middle."""
-    y_m, half_m = side * (layout.front_m + BORDER_M), (0.5 * BORDER_STEP_M - 0.005, 0.75 * BORDER_M)
-    for place_m in (x_m + 0.5 * (width_m - GATE_M) + 0.25, x_m + 0.5 * (width_m + GATE_M) - 0.25):
-        if layout.take(place_m, y_m, 0.24, 0.24):
-            layout.add("gateposts", place_m, y_m, 90.0 * side)
+    middle_m, y_m = x_m + 0.5 * width_m, side * (layout.front_m + BORDER_M)
+    pieces = [("gateposts", 0.5 * GATE_M - GATEPOST_M, (GATEPOST_HALF_M, GATEPOST_HALF_M))]
     for number in range(int((width_m - GATE_M) // (2.0 * BORDER_STEP_M))):
         away_m = 0.5 * GATE_M + (number + 0.5) * BORDER_STEP_M
-        for place_m in (x_m + 0.5 * width_m - away_m, x_m + 0.5 * width_m + away_m):
+        pieces.append((f"{district.border}s", away_m, (0.5 * BORDER_STEP_M - 0.005, 0.75 * BORDER_M)))
+    for name, away_m, half_m in pieces:
+        for place_m in (middle_m - away_m, middle_m + away_m):
             if layout.take(place_m, y_m, *half_m):
-                layout.add(f"{district.border}s", place_m, y_m, 90.0 * side)
+                layout.add(name, place_m, y_m, 90.0 * side)
 
 
 def _plant_bushes(layout: Layout, random: np.random.Generator) -> None:

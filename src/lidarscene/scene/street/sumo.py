@@ -80,10 +80,15 @@ SHARPEST_TURN_DEG = 120.0
 CLASSES: Mapping[str, Mapping[str, Any]] = catalog.street_parts()["sumo"]
 """SUMO's class -> length, classes of bodies and share, by streets.toml."""
 
-LONG_NAMES = {"n": "net-file", "net": "net-file", "r": "route-files", "routes": "route-files"} | dict.fromkeys(
-    ("a", "additional"), "additional-files"
-)
-"""Other names of a configuration's options -> the first."""
+LONG_NAMES = {
+    "n": "net-file",
+    "net": "net-file",
+    "r": "route-files",
+    "routes": "route-files",
+    "a": "additional-files",
+    "additional": "additional-files",
+}
+"""Source: SUMO's options; other name in a configuration -> name that is read here."""
 
 DEFAULT_TYPES = {"DEFAULT_BIKETYPE": "bicycle", "DEFAULT_PEDTYPE": "pedestrian"}
 """SUMO's own types of vehicles that are no cars -> their class."""
