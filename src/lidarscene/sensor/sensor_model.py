@@ -671,8 +671,8 @@ class Sensor(HintedAttributes):
         if counts >= SMOOTH_COUNTS:
             return None
         return (
-            f"its threshold in the dark is {counts:.3g} counts, and whole: P_d is a smooth law's, up to 0.25 off; "
-            "the points that `render` keeps are right"
+            f"its threshold in the dark is {counts:.3g} counts, and counts are whole numbers: P_d, which follows a "
+            "smooth law, may be off by 0.25; the points that `render` keeps are right"
         )
 
     def noise_correlation(self, lag_s: Lanes) -> Lanes:

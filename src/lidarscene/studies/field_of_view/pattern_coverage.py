@@ -31,7 +31,8 @@ class FiredPulses:
 
     Attributes:
         direction: unit vectors in the sensor's frame, as the beam leaves: without jitter or the encoder's steps
-        share: (n, 2) effective aperture A(theta_r) over that on the axis, A(0), and the same times the field of view
+        share: (n, 2) effective aperture over that of `Scanner.typical_share`, and aperture times field of view over its
+            value on the axis
     """
 
     time_s: Numbers

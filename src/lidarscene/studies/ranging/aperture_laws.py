@@ -58,17 +58,17 @@ def field_of_view_deg(scanner: Scanner, axis: str) -> tuple[float, float]:
 
 
 def of_scanner(scanner: Scanner, axis: str, angle_deg: Numbers) -> tuple[Numbers, Numbers]:
-    """A(theta) as the sensor's own scanner has it, which is what `render` uses; and the same times the field of view.
+    """Shares of echo and background as the sensor's own scanner has them, which `render` uses, too: `shares`.
 
     Along one axis, from the pulses of a frame that are nearest to zero on the other, with linear interpolation. Prisms
-    change the aperture and not its product with the field of view, so that the background stays.
+    change the aperture, but not its product with the field of view: the background stays.
 
     Raises:
         InputError: outside the scanner's field of view, unless the share is one everywhere (a raster)
     """
-    along, across, *found = _frame(scanner, axis)
-    if all(np.all(share == share[0]) for share in found):
-        echo, background = (np.full_like(angle_deg, share[0]) for share in found)
+    along, across, *pulses = _frame(scanner, axis)
+    if all(np.all(share == share[0]) for share in pulses):
+        echo, background = (np.full_like(angle_deg, share[0]) for share in pulses)
         return echo, background
     low, high = field_of_view_deg(scanner, axis)
     if np.min(angle_deg) < low - 1e-3 or np.max(angle_deg) > high + 1e-3:
@@ -76,15 +76,15 @@ def of_scanner(scanner: Scanner, axis: str, angle_deg: Numbers) -> tuple[Numbers
         raise OptionError(f"{{over}} {{0}}: {must}, got {np.min(angle_deg):g} to {np.max(angle_deg):g}", axis)
     near = np.abs(across) <= np.quantile(np.abs(across), _SLICE)
     order = np.argsort(along[near], kind="stable")
-    echo, background = (np.asarray(np.interp(angle_deg, along[near][order], share[near][order])) for share in found)
+    echo, background = (np.asarray(np.interp(angle_deg, along[near][order], share[near][order])) for share in pulses)
     return echo, background
 
 
 def shares(scanner: Scanner, pulse: Numbers) -> tuple[Numbers, Numbers]:
     """(n,) shares of pulses: of aperture over the typical one, and of aperture times field of view."""
-    ones = np.ones(len(pulse))
     echo = np.asarray(scanner.aperture_share(pulse)) / scanner.typical_share
-    return echo * ones, np.asarray(scanner.background_share(pulse)) * ones
+    background = np.asarray(scanner.background_share(pulse))
+    return np.full(len(pulse), echo, np.float64), np.full(len(pulse), background, np.float64)
 
 
 def _frame(scanner: Scanner, axis: str) -> tuple[Numbers, ...]:
