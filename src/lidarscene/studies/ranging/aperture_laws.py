@@ -58,7 +58,7 @@ def field_of_view_deg(scanner: Scanner, axis: str) -> tuple[float, float]:
 
 
 def of_scanner(scanner: Scanner, axis: str, angle_deg: Numbers) -> tuple[Numbers, Numbers]:
-    """Shares of echo and background as the sensor's own scanner has them, which `render` uses, too: `shares`.
+    """A(theta) as the sensor's own scanner has it, for the echo and for the background; `render` uses the same.
 
     Along one axis, from the pulses of a frame that are nearest to zero on the other, with linear interpolation. Prisms
     change the aperture, but not its product with the field of view: the background stays.
