@@ -10,7 +10,7 @@ import pytest
 from helpers.run_seed import run_seed
 
 from lidarscene.errors import InputError
-from lidarscene.studies.design.designs import Design, DesignSpace, Free
+from lidarscene.studies.design.designs import Base, Design, DesignSpace, Free
 from lidarscene.studies.design.optimum import at_an_end, limits_of
 from lidarscene.studies.design.quantities import probability_of_points
 from lidarscene.studies.design.search import Log, alone, front, losses, search, slacks
@@ -35,8 +35,9 @@ def study(objectives: dict[str, str], bounds: dict[str, dict[str, float]], **set
     )
 
 
-def run(study_file: StudyFile, free: tuple[Free, ...], function: Function) -> list[Design]:
-    return search(Log(study=study_file, space=DesignSpace(bases={}, free=free), evaluate=alone(function)))
+def run(study_file: StudyFile, free: tuple[Free, ...], function: Function, bases: str = "") -> list[Design]:
+    named = {"": [Base(name=name, settings={}) for name in bases]} if bases else {}
+    return search(Log(study=study_file, space=DesignSpace(bases=named, free=free), evaluate=alone(function)))
 
 
 def test_slsqp_finds_a_corner_of_two_constraints() -> None:
@@ -101,17 +102,21 @@ def test_the_front_of_two_objectives(seed: int) -> None:
 
 
 def test_whole_numbers_and_choices() -> None:
-    """The best of 10 x 3 x continuous is at n = 7, "b", x = 0.25; every design has whole numbers."""
+    """The best of 10 x 3 x continuous is at n = 7, "b", x = 0.25; every design has whole numbers, and no key of another
+    base than its own.
+    """
     pytest.importorskip("pymoo")
-    free = (Free(key="n", values=tuple(range(10))), Free(key="kind", values=("a", "b", "c")), Free(key="x"))
+    whole, of_a = Free(key="n", values=tuple(range(10))), Free(key="a:m", values=(1, 2))
+    free = (whole, Free(key="sensor", values=("a", "b", "c")), of_a, Free(key="x"))
 
     def function(values: dict[str, float]) -> dict[str, float]:
         assert isinstance(values["n"], int)
-        return {"size": (values["n"] - 7) ** 2 + (values["kind"] != "b") + (values["x"] - 0.25) ** 2}
+        assert ("a:m" in values) == (values["sensor"] == "a")
+        return {"size": (values["n"] - 7) ** 2 + (values["sensor"] != "b") + (values["x"] - 0.25) ** 2}
 
     study_file = study({"size": "minimize"}, {})
-    (best,) = front(study_file, run(study_file, free, function))
-    assert (best.values["n"], best.values["kind"]) == (7, "b")
+    (best,) = front(study_file, run(study_file, free, function, "abc"))
+    assert (best.values["n"], best.values["sensor"]) == (7, "b")
     assert best.values["x"] == pytest.approx(0.25, abs=1e-6)
 
 
