@@ -44,12 +44,12 @@ def open_bag(path: Path, metadata: Path | None) -> Recording:
 
 
 def _recording_of(bag: BagReader, path: Path, metadata: Path | None) -> Recording:
-    lidars = [topic for topic, kind in bag.topics.items() if kind in (POINTS, CUSTOM, *SCANS)]
+    lidars = [topic for topic, kind in bag.topics.items() if kind in (POINTS, CUSTOM, *SCANS) and bag.messages(topic)]
     if not lidars:
-        topics = ", ".join(f"{topic} ({kind})" for topic, kind in bag.topics.items()) or "none"
-        must = "must have a topic of PointCloud2, of Livox or of Velodyne's or Hesai's packets"
-        raise InputError(f"{path}: {must}, got {' '.join(topics.split())}")
-    topic, *others = [topic for topic in lidars if bag.messages(topic)] or lidars[:1]
+        topics = ", ".join(f"{topic} ({kind})" for topic, kind in bag.topics.items()) or "an empty bag"
+        must = "must have messages of PointCloud2, of Livox or of Velodyne's or Hesai's packets"
+        raise InputError(f"{path}: {must}, got none in {' '.join(topics.split())}")
+    topic, *others = lidars
     if others:
         warn(OptionWarning("{0}: read is the topic {1}; others of lidars are {2}", path, topic, ", ".join(others)))
     messages, kind = bag.messages(topic), bag.topics[topic]
