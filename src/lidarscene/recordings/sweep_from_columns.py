@@ -55,6 +55,8 @@ def sweep_of(
     missing_axes = [axis for axis in "xyz" if axis not in by_name]
     if missing_axes:
         raise ValueError(f"must have columns x, y and z, got {', '.join(columns) or 'none'}")
+    if "body" in by_name and by_name.get("reflectivity", np.zeros(0, int)).dtype.kind == "f":
+        del by_name["reflectivity"]  # of a surface, in clouds of lidarscene with ground truth
     xyz_m = np.stack([by_name[axis].astype(np.float64) for axis in "xyz"], axis=-1)
     with np.errstate(over="ignore", invalid="ignore"):
         distance_m = np.sqrt(np.einsum("ij,ij->i", xyz_m, xyz_m))
