@@ -11,9 +11,10 @@ from helpers.mistakes import told
 from helpers.packets import packets_of, random_frame
 from helpers.recordings import FIRINGS, pcap, turns, vls_packet
 
+from lidarscene.formats.packets.layouts import Packet
 from lidarscene.formats.packets.select_encoder import select_encoder
 from lidarscene.recordings.opening import open_recording
-from lidarscene.recordings.velodyne_reader import sweep_of_points
+from lidarscene.recordings.velodyne_reader import recording_of_scans, sweep_of_points
 from lidarscene.sensor.sensor_file import load_sensor
 
 PACKETS = 75
@@ -155,6 +156,16 @@ def test_channels_in_the_sky_have_rows_and_directions(tmp_path: Path, library: C
 def test_a_file_without_packets_is_told(tmp_path: Path) -> None:
     with told("other.pcap | Velodyne | Hesai | Ouster"):
         open_recording(pcap(tmp_path / "other.pcap", [b"nothing"]))
+
+
+def test_messages_without_packets_are_told(tmp_path: Path, library: Callable[[str], Any]) -> None:
+    """Rationale: velodyne-decoder ends Python over none. A packet of another length is passed over."""
+    library("velodyne_decoder")
+    turn = [Packet(0.0, payload) for payload in turns(PACKETS)]
+    recording = recording_of_scans(tmp_path, None, [[], [Packet(0.0, b"cut"), *turn]], name="")
+    assert recording[1].shape == (16, FIRINGS * PACKETS)
+    with told("points | none"):
+        recording[0]
 
 
 def filled_firings() -> np.ndarray:
