@@ -793,6 +793,20 @@ def test_an_echo_on_a_flank_keeps_its_distance():
     np.testing.assert_array_equal(np.nanmin(anywhere, axis=0), np.nanmin(apart, axis=0))
 
 
+@pytest.mark.parametrize(("photons_of_echoes", "limit"), [((10.0, 3.0), "blanking_s"), ((3.0, 10.0), "window_s")])
+def test_an_echo_on_a_flank_does_not_bring_back_one_that_is_left_out(photons_of_echoes, limit):
+    """An echo of 3 photons 0.6 m behind or before one of 10, which is blanked or beyond the window: the peak that is
+    found for it is often the other one, and no return.
+    """
+    counter, light, range_m = two_echoes(0.001, 1.0, photons_of_echoes, 0.6, 1000)
+    middle_m = range_m[:, 0].mean() + 0.3
+    converter = dataclasses.replace(counter.tdc, **{limit: middle_m / (0.5 * C)})
+    stops = photons.detect(light, dataclasses.replace(counter, tdc=converter)).stops
+    place_m = np.concatenate([stop.range_m[photons.echo_of(stop)] for stop in stops])
+    assert len(place_m) > 30
+    assert ((place_m >= middle_m) == (limit == "blanking_s")).all()
+
+
 def test_which_of_two_boards_is_kept():
     """Boards of 600 and 1,500 photons, 3 m apart: the strongest, the first and the last, and one that lies nearer
     to the return before than the least separation is none. The source is the brighter one's number.
