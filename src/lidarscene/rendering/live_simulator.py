@@ -287,10 +287,15 @@ class LiveSimulator(Simulator):
 
 @dataclass(slots=True)
 class PoseHistory:
-    """Last poses of a body, at rising times [s]."""
+    """Last poses of a body, at rising times [s].
+
+    Attributes:
+        moved: whether it has ever moved
+    """
 
     times_s: list[float] = field(default_factory=list)
     poses: list[Pose] = field(default_factory=list)
+    moved: bool = False
 
     def check_turn(self, pose: Pose, name: str) -> None:
         """Raise InputError for a turn from the last pose to this one that is too large for a motion."""
@@ -306,6 +311,8 @@ class PoseHistory:
 
     def append(self, time_s: float, pose: Pose) -> None:
         """Add the latest pose."""
+        last = self.poses[-1] if self.poses else pose
+        self.moved |= bool((last.position_m != pose.position_m).any() or (last.rotation != pose.rotation).any())
         self.times_s.append(time_s)
         self.poses.append(pose)
 
@@ -319,15 +326,13 @@ class PoseHistory:
     def motion(self) -> Motion:
         """Motion through the poses: a constant twist from each to the next, at rest before and after.
 
-        Equal poses are a body at rest.
+        One that never moved is at rest; one that waits is not, for labels.
         """
-        first = self.poses[0]
-        if all(
-            np.array_equal(pose.position_m, first.position_m) and np.array_equal(pose.rotation, first.rotation)
-            for pose in self.poses
-        ):
-            return Course(start=first)
-        return HeldAtEnds(motion=Spline(time_s=np.array(self.times_s), poses=tuple(self.poses), smooth=False))
+        if not self.moved:
+            return Course(start=self.poses[0])
+        # Of a single pose left, a motion from it to itself.
+        times_s, poses = [*self.times_s, self.times_s[-1] + 1.0], (*self.poses, self.poses[-1])
+        return HeldAtEnds(motion=Spline(time_s=np.array(times_s), poses=poses, smooth=False))
 
 
 def live_scene(

@@ -243,18 +243,11 @@ def _with_laws(
         fwhm_s = pulse_fwhm_s(sensor, accepted["scatter_c"].value)
         if fwhm_s is not None:
             changes["laser.pulse_fwhm_ns"] = (1e9 * fwhm_s, source_of("scatter_c", scatter_note))
-    # The recording has the counts of all shots, the file those of one.
-    scales = {
-        "threshold_slope": 1.0,
-        "threshold_pedestal": 1.0 / float(sensor.histogram.shots),
-        "threshold_spread": 1.0,
-        "threshold_least": 1.0,
-        "lone_factor": 1.0,
-    }
-    for key, scale in scales.items():
-        if key in accepted:
-            source = source_of(key, "; SIGNAL and NEAR_IR of kept and lost")
-            changes[f"histogram.{key}"] = (accepted[key].value * scale, source)
+    for key, file_key in FILE_KEYS.items():
+        if key in accepted and file_key == f"histogram.{key}":
+            # The recording has the counts of all shots, the file those of one.
+            scale = 1.0 / float(sensor.histogram.shots) if key == "threshold_pedestal" else 1.0
+            changes[file_key] = accepted[key].value * scale, source_of(key, "; SIGNAL and NEAR_IR of kept and lost")
     if "threshold_slope" in accepted:
         text = remove_keys(text, "histogram.threshold_floor")
     if rows is not None:
