@@ -190,6 +190,9 @@ def test_a_folder_is_frames_by_the_numbers_in_their_names(tmp_path: Path) -> Non
         (tmp_path / f"{number}.bin").write_bytes((ROWS[:, :4] * number).tobytes())
         (tmp_path / f"._{number}.bin").write_bytes(b"\0\5\x16\7")  # of macOS
     assert [float(sweep.range_m[0]) for sweep in open_recording(tmp_path)] == [3.0, 6.0, 30.0]
+    (tmp_path / "3.pcd.bin").write_bytes(ROWS.tobytes())
+    with pytest.warns(OptionWarning, match=r"several formats .* one sensor: \.bin, \.pcd\.bin"):
+        open_recording(tmp_path)
 
 
 def test_what_is_damaged_is_told(tmp_path: Path, library: Callable[[str], Any]) -> None:

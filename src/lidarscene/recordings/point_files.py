@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..cloud.point_cloud import PointCloud
-from ..errors import InputError, OptionError
+from ..errors import InputError, OptionError, OptionWarning, warn
 from ..files.inputs import NOT_HIDDEN, by_numbers
 from ..files.optional import import_optional
 from ..formats.cloud_description import input_errors
@@ -105,6 +105,13 @@ def open_cloud(path: Path, metadata: Path | None) -> Recording:
     files = [path] if path.is_file() else sorted(filter(suffix_of, path.glob(NOT_HIDDEN)), key=by_numbers)
     if not files:
         raise InputError(f"{path}: must hold files that end in {', '.join(CLOUDS)}, got none")
+    suffixes = sorted({str(suffix_of(file)) for file in files})
+    if len(suffixes) > 1:
+        warn(
+            OptionWarning(
+                "{0}: files of several formats are read as frames of one sensor: {1}", path, ", ".join(suffixes)
+            )
+        )
     recording_metadata = {"format": CLOUDS[str(suffix_of(files[0]))][0], "sensor": "", "frame": "0"}
 
     def read(frame: int) -> Sweep:

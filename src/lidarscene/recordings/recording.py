@@ -99,7 +99,9 @@ class Recording:
         if not any(mask.any() for mask in too_far):
             return sweep
         if too_far[0][sweep.has_return].all():
-            raise InputError(f"{self.path}: must have points in the sensor's frame, got all beyond {FARTHEST_M:g} m")
+            raise InputError(
+                f"{self.path}: must have points in metres in the sensor's frame, got all beyond {FARTHEST_M:g} m"
+            )
         warn(
             OptionWarning(
                 "{0}: {1} of {2} returns are farther than {3} km and left out",
