@@ -201,6 +201,9 @@ def test_bodies_come_and_go_as_in_worlds_built_anew() -> None:
     poses["car"] = pose(10, 2, 0, 15)
     assert live.add("car", poses["car"]) == "car"
     check()
+    poses["ball"] = pose(8, -1, 0.4)  # without spares it is its own
+    assert live.add("ball", poses["ball"]) == "ball"
+    check()
 
 
 def test_nothing_is_compiled() -> None:

@@ -40,6 +40,7 @@ NOT_IN_STREET = (
     NOT_IN_WORLD
     | {"ego", "own_car", "motion", "materials", "material", "base_materials", "interference", "ground", "reach_m"}
     | {"wet", "parked_share", "walking_spacing_m", "speed_m_s", "oncoming_gap_m", "ahead", "behind", "stop_share"}
+    | {"laps", "shown_m"}
 )
 """Keys of a scene file, at any depth, that change no place: light, paint, and who drives, walks and parks there."""
 

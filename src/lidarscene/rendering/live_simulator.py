@@ -125,16 +125,17 @@ class LiveSimulator(Simulator):
 
     @exclusive
     def add(self, name: str, pose: Placed, **motion: Unpack[MotionKeywords]) -> str:
-        """Add a spare copy of a body at a pose, as `place` does, and return the copy's name.
+        """Add a spare copy of a body at a pose, as `place` does, or bring a body back; return its name.
 
         Raises:
             InputError: where no spare is left
         """
         _check_name(name)
-        if name not in self._pools:
+        is_away = name in self._number and self._body(name).away
+        if name not in self._pools and not is_away:
             originals = ", ".join(f"'{original}'" for original in self._pools) or "none"
             raise InputError(f"body '{name}': has no spares; bodies with spares: {originals}")
-        free = next((copy for copy in self._pools[name] if self._body(copy).away), None)
+        free = name if is_away else next((copy for copy in self._pools[name] if self._body(copy).away), None)
         if free is None:
             count = len(self._pools[name]) - 1
             raise InputError(
@@ -145,7 +146,7 @@ class LiveSimulator(Simulator):
 
     @exclusive
     def remove(self, name: str) -> None:
-        """Remove a body from the next frame on. `add` brings it back if it has spares, or is one."""
+        """Remove a body from the next frame on; `add` brings it back."""
         self._require(name)
         self._tracks.pop(name, None)
         self._change({}, absence={name: True})

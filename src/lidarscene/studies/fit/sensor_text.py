@@ -149,28 +149,19 @@ def fitted_text(
         at_rest: estimates of frames at rest, by key of the file
         held: estimates that are not to be written -> the reason
     """
-    text, notes = _with_numbers_at_rest(text, at_rest, recording, where, held)
-    if parse_sensor(text, where).histogram is None:
-        rest = (
-            "what frames at rest do not tell is left as it was: other laws are fitted to sensors with [histogram] only"
-        )
-        return text, (*notes, rest)
-    text, more = _with_laws(text, estimates, recording, where, rows, held)
-    return text, (*notes, *more)
-
-
-def _with_numbers_at_rest(
-    text: str, at_rest: Mapping[str, Estimate], recording: str, where: str, held: Mapping[str, str]
-) -> tuple[str, tuple[str, ...]]:
-    """Put the estimates of frames at rest into a sensor file; returns the text, and notes on numbers that stay."""
-    accepted = {key: at_rest[key] for key in _certain(at_rest) if key not in held}
-    left = [key for key in at_rest if key not in accepted]
-    notes = tuple(f"{key} is left as it was: {held.get(key, at_rest[key])}" for key in left)
+    accepted = {key: estimate for key, estimate in _certain(at_rest).items() if key not in held}
+    notes = tuple(f"{key} is left as it was: {held.get(key, at_rest[key])}" for key in at_rest if key not in accepted)
     changes = {
         key: (estimate.value, f"fitted: {estimate}, pixels at rest, {recording}") for key, estimate in accepted.items()
     }
     text, change_notes = _with_changes(text, at_rest_changes(changes), where)
-    return text, (*notes, *change_notes)
+    if parse_sensor(text, where).histogram is None:
+        rest = (
+            "what frames at rest do not tell is left as it was: other laws are fitted to sensors with [histogram] only"
+        )
+        return text, (*notes, *change_notes, rest)
+    text, more = _with_laws(text, estimates, recording, where, rows, held)
+    return text, (*notes, *change_notes, *more)
 
 
 def _with_laws(

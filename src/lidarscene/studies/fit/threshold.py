@@ -58,10 +58,6 @@ class Threshold:
         """SIGNAL at which the chance of a return is one half."""
         return _level(self.solved.value, near_ir)
 
-    def chance(self, signal: Numbers, near_ir: Numbers) -> Numbers:
-        """Chance of a return at these signals and backgrounds."""
-        return _chance(self.solved.value, signal, near_ir)
-
     def shares(self, sensor: Sensor) -> Numbers:
         """(k, 3) chance by a sensor, share that was kept, and number of the held-out pulses, by the chance.
 
