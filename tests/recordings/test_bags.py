@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from lidarscene.formats.clock import EPOCH, to_ns
 from lidarscene.formats.ros import ros_frames, write_ros
 from lidarscene.formats.ros_bag import definition
 from lidarscene.recordings.bag_files import BagReader
-from lidarscene.recordings.bags import _Scans
+from lidarscene.recordings.bags import _Scans, _sweep
 from lidarscene.recordings.opening import open_recording
 
 ROS_1 = {"tf2_msgs/msg/TFMessage": "tf/msg/tfMessage"} | {
@@ -330,6 +331,22 @@ def test_clouds_of_a_driver_of_its_own_ways(tmp_path: Path, library: Callable[[s
             assert sweep.pose is not None
             assert sweep.pose.position_m.tolist() == [4.0, 0.0, 0.0]
             np.testing.assert_allclose(sweep.pose.rotation, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-15)
+
+
+@pytest.mark.parametrize(("height", "row_step"), [(1, 0), (0, 24)])
+def test_clouds_without_rows_or_their_step(height: int, row_step: int) -> None:
+    """Rationale: writers leave the step of rows out, and an empty cloud may have none; each was refused."""
+    message = SimpleNamespace(
+        header=SimpleNamespace(stamp=SimpleNamespace(sec=6, nanosec=0), frame_id="lidar"),
+        height=height,
+        width=2,
+        fields=[SimpleNamespace(name=name, offset=4 * place, datatype=7, count=1) for place, name in enumerate("xyz")],
+        is_bigendian=False,
+        point_step=12,
+        row_step=row_step,
+        data=np.arange(6 * height, dtype="<f4").tobytes(),
+    )
+    np.testing.assert_allclose(_sweep(message, {}, {}).xyz_m, np.arange(6.0 * height).reshape(-1, 3))
 
 
 def test_a_place_on_the_vehicle_is_no_pose(tmp_path: Path, library: Callable[[str], Any]) -> None:

@@ -1,6 +1,7 @@
 """Velodyne: packets as the VLP-16's manual has them, and what becomes of each pulse."""
 
 import math
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -82,6 +83,18 @@ def test_a_turn_ends_where_the_recording_pauses(tmp_path: Path, library: Callabl
         lengths_s = [float(np.ptp(np.asarray(sweep.time_s))) for sweep in recording]
     assert len(lengths_s) == 3
     assert max(lengths_s) < 0.1
+
+
+def test_a_turn_ends_where_the_clock_is_set_back(tmp_path: Path, library: Callable[[str], Any]) -> None:
+    """By 500 s, within the second turn, whose times would be as long."""
+    library("velodyne_decoder")
+    payloads = turns(2 * PACKETS)
+    for number in range(100):
+        (stamp_us,) = struct.unpack_from("<I", payloads[number], 1200)
+        payloads[number] = payloads[number][:1200] + struct.pack("<I", stamp_us + 500_000_000) + payloads[number][1204:]
+    with open_recording(pcap(tmp_path / "a.pcap", payloads)) as recording:
+        assert [sweep.shape[1] // FIRINGS for sweep in recording] == [75, 25, 50]
+        assert max(float(np.ptp(np.asarray(sweep.time_s))) for sweep in recording) < 0.1
 
 
 def test_ranges_directions_and_the_lost_pulse(two_turns: Path) -> None:

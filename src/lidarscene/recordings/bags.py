@@ -102,10 +102,11 @@ def _sweep(message: Any, transforms: Transforms, metadata: dict[str, str]) -> Sw
         }
     )
     rows, columns = message.height, message.width
+    step = message.row_step or columns * dtype.itemsize  # some writers leave it out
     data = np.frombuffer(message.data, np.uint8)
-    if len(data) < rows * message.row_step or message.row_step < columns * dtype.itemsize:
-        raise ValueError(f"a cloud must have {rows} rows of {message.row_step} bytes, got {len(data)} bytes")
-    rows_bytes = data[: rows * message.row_step].reshape(rows, -1)[:, : columns * dtype.itemsize]
+    if len(data) < rows * step or step < columns * dtype.itemsize:
+        raise ValueError(f"a cloud must have {rows} rows of {step} bytes, got {len(data)} bytes")
+    rows_bytes = data[: rows * step].reshape(rows, step)[:, : columns * dtype.itemsize]
     points = np.ascontiguousarray(rows_bytes).reshape(-1).view(dtype)
     start_s = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
     return sweep_of(
