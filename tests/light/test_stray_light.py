@@ -85,14 +85,14 @@ def test_light_from_several_ranges(overrides, sigma_m):
 
 
 def test_several_echoes_of_a_channel_are_one():
-    """Others see the wall's of two echoes of a source, a wall's and a weaker one's four metres behind it; two halves at
-    one range are a whole.
+    """Others see the wall's of a source's echoes: of that, and of a weaker one four metres before it. Two halves at one
+    range are a whole, and of an echo a deviation of the pulse behind them exp(-1/2) is there at their time.
     """
-    ranges = np.tile([[20.0, 24.0, 20.0]], (ROWS, 1))
-    powers = np.zeros((ROWS, 3))
-    powers[3] = 1e-3, 0.9e-3, 1e-3
+    ranges = np.tile([[16.0, 20.0, 20.0 + SIGMA_M, 20.0]], (ROWS, 1))
+    powers = np.zeros((ROWS, 4))
+    powers[3] = 0.9e-3, 1e-3, 0.8e-3, 1e-3
     range_m, stray_w = stray_of(trains.train(ranges, powers))
-    np.testing.assert_allclose(stray_w, 2e-3 * shares()[:, 3], rtol=1e-5)
+    np.testing.assert_allclose(stray_w, (2e-3 + 0.8e-3 * np.exp(-0.5)) * shares()[:, 3], rtol=1e-5)
     np.testing.assert_array_equal(range_m[stray_w > 0.0], 20.0)
 
 
