@@ -279,6 +279,20 @@ def test_people_walk_as_far_to_the_one_end_of_a_block_as_to_the_other() -> None:
     assert with_people >= 2 * len(layout.blocks) - 2
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_people_keep_apart_on_the_inner_side_of_bends(seed: int) -> None:
+    """Though 5 m along the middle of a wide street are 1.4 m there: a pram and who pushes it are 1.9 m long."""
+    keys = {"bend_radius_m": (20.0, 20.0), "bend_spacing_m": (20.0, 30.0), "walking_spacing_m": (5.0, 5.0)}
+    layout = laid.lay_out(StreetFile(length_m=60.0, shown_m=50.0, lanes=2, pavement_m=6.0, seed=seed, **keys))
+    tracks = list(driven._walking_tracks(layout, np.arange(0.0, 60.0, 2.0), np.random.default_rng(seed)))
+    assert len(tracks) > 20
+    x_m, y_m = np.array([track.x_m for track in tracks]), np.array([track.y_m for track in tracks])
+    place_m = layout.line.at(x_m.ravel(), y_m.ravel())[:, :2].reshape(*x_m.shape, 2)
+    apart_m = np.hypot(*np.moveaxis(place_m[:, None] - place_m, -1, 0))
+    of_one_way = (np.abs(y_m[:, None] - y_m) < 0.01) & ~np.eye(len(tracks), dtype=bool)[..., None]
+    assert apart_m[of_one_way].min() > 1.9
+
+
 def test_vehicles_begin_eight_metres_apart_whatever_their_lengths() -> None:
     keys = {"ahead": 5, "behind": 5, "bend_deg": (0.0, 0.0), "oncoming_gap_m": (5.0, 10.0)}
     layout, lengths_m = laid.lay_out(StreetFile(length_m=60.0, shown_m=50.0, **keys)), []
