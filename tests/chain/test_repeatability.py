@@ -88,7 +88,13 @@ def test_seeds_matter():
 
 
 @pytest.mark.parametrize(
-    ("name", "extra"), [("table1-apd", ()), ("table1-sipm", ()), ("table1-sipm", ("detector.counting='binomial'",))]
+    ("name", "extra"),
+    [
+        ("table1-apd", ()),
+        ("table1-sipm", ()),
+        ("table1-sipm", ("detector.counting='binomial'",)),
+        ("table1-sipm", ("detector.statistics='time_domain' detector.crosstalk=0.1",)),
+    ],
 )
 def test_numpy_and_device_agree(name, extra):
     """The same stages on numpy, from the same hits: the same points but for the last bits.
@@ -112,6 +118,7 @@ def test_numpy_and_device_agree(name, extra):
     detection = receiver.detect(light, sensor, seed=9, pulse=pulse)
     np.testing.assert_allclose(detection.snr, lanes.detection.snr, rtol=1e-4, atol=1e-6)
     assert np.mean(detection.outcome != lanes.detection.outcome) < 2e-4
+    np.testing.assert_allclose(lanes.detection.ambient, detection.ambient, rtol=1e-5, atol=1.0)
     for host, device in zip(detection.stops, lanes.detection.stops, strict=True):
         assert np.mean(host.reported != device.reported) < 2e-4
         in_both = host.reported & device.reported & (host.status == device.status)

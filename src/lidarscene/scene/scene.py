@@ -28,7 +28,7 @@ from ..maths.arrays import Numbers, frozen
 from ..maths.attributes import HintedAttributes
 from ..maths.motion_table import Strides
 from ..maths.pose import Pose, direction_from_angles
-from ..maths.trajectory import ALWAYS, CLOCK_ROUNDING_S, Motion, Riding, States, motion_in_frame, pose_at
+from ..maths.trajectory import ALWAYS, CLOCK_ROUNDING_S, Course, Motion, Riding, States, motion_in_frame, pose_at
 from ..maths.units import FileKey, Quantity
 from ..physics.optics import air
 from ..sensor.pose_file import Placed, pose_keys, to_pose
@@ -236,6 +236,11 @@ class Body(HintedAttributes):
             return self.parts
         phase, level = walk(np.array([time_s]), states)[0].tolist()
         return tuple(part.posed(phase, level) if isinstance(part, Part) else part for part in self.parts)
+
+    @property
+    def moves(self) -> bool:
+        """Whether it has a motion that is not one at rest for ever: true of what waits."""
+        return self.motion is not None and not (isinstance(self.motion, Course) and self.motion.rests)
 
     def rides_with(self, ego: Motion | None) -> bool:
         """Whether the body is fixed to the ego vehicle, whose motion this is."""

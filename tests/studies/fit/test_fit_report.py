@@ -56,5 +56,5 @@ def test_of_a_recording_that_tells_nothing_nothing_fails() -> None:
 def test_a_ratio_is_held_to_the_limits_of_the_table() -> None:
     """Rationale: limits that grew with the uncertainty of few pulses, to 0.65 and 1.53, hid misses."""
     for ratio, held_to in ((1.24, True), (1.26, False), (0.81, True), (0.79, False)):
-        *_, row = law_rows(None, None, np.array([[50.0, 1e-2 * ratio, 1e-2]]), missing="")
+        *_, row = law_rows(None, None, [(50.0, 1e-2 * ratio, 1e-2)], missing="")
         assert row.verdict is held_to

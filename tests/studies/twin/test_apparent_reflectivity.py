@@ -88,7 +88,10 @@ def test_whole_numbers_of_a_sensor_have_a_white_value(
 
 
 def test_a_return_that_reads_0_was_detected() -> None:
-    """Half of the least step would be too dark far off for the sensor that saw it; near by it stays."""
+    """Half of the least step would be too dark far off for the sensor that saw it; near by it stays.
+
+    Rationale: lost pulses read 0, too, and the twin of a PandarXT with two returns was a traceback.
+    """
     sensor = load_sensor("hdl-64e")
     intensity = np.resize([0.4, 0.0, 0.4, 0.4, 0.01], room_sweep().shape)
     sweep = room_sweep(signal=None, reflectivity=None, intensity=intensity, metadata={"format": "kitti"})
@@ -100,6 +103,7 @@ def test_a_return_that_reads_0_was_detected() -> None:
     assert far[zero].min() > near[zero].max()
     target = Target(reflectivity=far[zero][0], illuminance_klux=20.0, transmittance=1.0)
     assert plane.detection_margin(sensor, target, 60.0) == pytest.approx(1.25, rel=0.03)  # its own light adds noise
+    assert np.isfinite(gauge.apparent(sweep, np.full(sweep.shape, np.nan))).all()
 
 
 def test_a_table_is_continued() -> None:

@@ -301,6 +301,11 @@ def _fill_lanes(layout: Layout, random: np.random.Generator) -> list[_Lane]:
             # The vehicle rests where a loop begins and ends.
             speed_m_s = (0.0 if file.loop and is_own else 0.6) * desired_m_s
             front_m = middle_m + 0.5 * lengths_m
+            gaps_m = front_m[:-1] - lengths_m[:-1] - front_m[1:] - STANDING_GAP_M
+            for number, gap_m in enumerate(gaps_m.tolist(), start=1):  # nobody begins too fast to brake behind another
+                speed_m_s[number] = min(
+                    speed_m_s[number], math.sqrt(speed_m_s[number - 1] ** 2 + 2.0 * WILLING_M_S2 * gap_m)
+                )
             vehicles = front_m, speed_m_s, desired_m_s, lengths_m, names
             places_m, limits_m_s = line.speed_limit_m_s(direction, y_m)
             limit_m_s = direction * line.way_beside_m(direction * places_m, y_m), limits_m_s

@@ -101,10 +101,9 @@ class Solution:
 
     def resampled(self, seed: int = 0) -> Numbers:
         """Solutions of resampled blocks, (DRAWS, p): one Newton step each, theta + H^-1 sum_b (w_b - 1) s_b."""
-        blocks = len(self.scores)
-        random = np.random.default_rng(seed)
-        counts = random.multinomial(blocks, np.full(blocks, 1.0 / blocks), size=DRAWS)
-        return np.asarray(self.value + (counts - 1.0) @ self.scores @ _inverse(self.slope).T)
+        return np.asarray(
+            self.value + (drawn_counts(len(self.scores), seed) - 1.0) @ self.scores @ _inverse(self.slope).T
+        )
 
     @property
     def bootstrap(self) -> Numbers:
@@ -138,6 +137,16 @@ class Solution:
         covariance = self.covariance
         sigma = np.sqrt(np.diag(covariance))
         return np.asarray(covariance / np.outer(sigma, sigma))
+
+
+def drawn_counts(blocks: int, seed: int = 0) -> Numbers:
+    """(DRAWS, blocks) how often each block is in a draw of as many of them."""
+    return np.random.default_rng(seed).multinomial(blocks, np.full(blocks, 1.0 / blocks), size=DRAWS)
+
+
+def block_sums(scores: Numbers, block: Numbers) -> Numbers:
+    """(b, p) sums over the blocks of (n, p) scores."""
+    return np.column_stack([np.bincount(block, column) for column in scores.T])
 
 
 def huber_weight(residual: Numbers, sigma: Numbers, sigmas: float) -> Numbers:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -134,13 +134,15 @@ class FitReport:
         return {name: solved.misfit for name, (_, solved) in self.solutions.items() if solved.misfit > 1.0}
 
 
-def law_rows(signal_error: float | None, share_error: float | None, octaves: Numbers, *, missing: str) -> list[Held]:
+def law_rows(
+    signal_error: float | None, share_error: float | None, octaves: Iterable[tuple[float, ...]], *, missing: str
+) -> list[Held]:
     """Signal, share of returns and scatter of the held-out pulses beside the fitted laws.
 
     Args:
         signal_error: mean relative error of the signal over the range; None: not known
         share_error: mean difference of the share of returns; None: not known
-        octaves: (k, 3) signal, recorded scatter [m], fitted scatter [m]
+        octaves: signal, recorded scatter [m], fitted scatter [m]
         missing: note where there is nothing to compare
     """
     rows = [
@@ -157,7 +159,7 @@ def law_rows(signal_error: float | None, share_error: float | None, octaves: Num
             limits=LIMITS["scatter ratio"],
             unit="mm",
         )
-        for signal, recorded_m, fitted_m in octaves.tolist()
+        for signal, recorded_m, fitted_m in octaves
     ] or [Held(quantity="range, scatter", limits=LIMITS["scatter ratio"])]
     return [replace(row, note=missing) if row.value is None else row for row in rows]
 

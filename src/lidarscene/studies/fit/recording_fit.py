@@ -91,20 +91,18 @@ class RecordingFit:
         near_field, threshold, scatter = self.near_field, self.threshold, self.scatter
         if sensor.histogram is None:
             near_field = threshold = scatter = None
-        octaves = [] if scatter is None else scatter.held_out[scatter.held_out[:, 2] >= LEAST_JUDGED].tolist()
-        simulated_mm = [scatter_mm(sensor, signal, near_ir, at_rest=True) for signal, *_ in octaves]
+        octaves = []
+        for signal, recorded_m, patches in [] if scatter is None else scatter.held_out.tolist():
+            if patches >= LEAST_JUDGED:
+                mm = scatter_mm(sensor, signal, near_ir, at_rest=True)
+                octaves.append((signal, recorded_m, math.nan if mm is None else 1e-3 * mm))
         rows = [] if self.boards is None else list(checks_at_rest(self.boards, sensor))
         if sensor.histogram is None:
             return rows
         return rows + law_rows(
             None if near_field is None else near_field.error_of(sensor),
             None if threshold is None else threshold.error_of(sensor),
-            np.array(
-                [
-                    (signal, recorded_m, math.nan if mm is None else 1e-3 * mm)
-                    for (signal, recorded_m, _), mm in zip(octaves, simulated_mm, strict=True)
-                ]
-            ).reshape(-1, 3),
+            octaves,
             missing="not recorded, or too few smooth surfaces",
         )
 
@@ -203,13 +201,8 @@ def fit_recordings(
             break
         held |= worse
     if at_rest is not None:
-        notes = (
-            *notes,
-            *(
-                f"{key} is left as it was: {reason}" if "." in key else f"no {key}: {reason}"
-                for key, reason in at_rest.unknown.items()
-            ),
-        )
+        for key, reason in at_rest.unknown.items():
+            notes = (*notes, f"{key} is left as it was: {reason}" if "." in key else f"no {key}: {reason}")
         gauge = ReflectivityGauge.from_sweep(sweeps[0], base_sensor)
         if base_sensor.histogram is None and gauge is not None and gauge.assumed:
             notes = (*notes, SCALE_NOTE)
@@ -326,10 +319,8 @@ def _report(
         numbers["scatter_correlation"] = fit.scatter.correlation
         if fit.scatter.correlation > 1.0:
             share = fit.scatter.correlation**-0.5
-            notes = (
-                *notes,
-                f"columns share noise: every second pulse scatters by {share:.0%} of what pulses far apart do",
-            )
+            shared = f"columns share noise: every second pulse scatters by {share:.0%} of what pulses far apart do"
+            notes = (*notes, shared)
         solutions["scatter"] = ("c^2", "floor^2"), fit.scatter.solved
     if fit.at_rest is not None:
         solutions |= fit.at_rest.solutions

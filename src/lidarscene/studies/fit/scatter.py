@@ -18,7 +18,7 @@ import numpy as np
 
 from ...maths.arrays import Numbers
 from ...sensor.histogram import Histogram
-from .estimates import Estimate, Solution, misfit_factor
+from .estimates import Estimate, Solution, block_sums, misfit_factor
 from .recorded_pulses import RecordedPulses
 from .tuning import PATCH_SIGNAL, PATCH_SIGNAL_RATIO, PATCH_SQUARE, SMOOTH_SHARE
 
@@ -119,7 +119,6 @@ def fit_scatter(pulses: RecordedPulses, histogram: Histogram | None = None) -> S
     variance = law @ value
     inlier = squares < PATCH_SQUARE * variance
     patch_scores = np.where(inlier, squares / _MEAN_BELOW - variance, 0.0)[:, None] * law / variance[:, None] ** 2
-    scores = np.column_stack([np.bincount(block, column) for column in patch_scores.T])
     # Slope of the sum of the scores: the cut at PATCH_SQUARE moves with the law, which takes off the share ``edge``.
     edge = 0.5 * math.exp(-0.5 * PATCH_SQUARE) * PATCH_SQUARE * (PATCH_SQUARE / _MEAN_BELOW - 1.0) / _SHARE_BELOW
     relative = law[inlier] / variance[inlier, None]
@@ -130,7 +129,7 @@ def fit_scatter(pulses: RecordedPulses, histogram: Histogram | None = None) -> S
     solved = Solution(
         value=value,
         slope=(1.0 - edge) * fisher,
-        scores=scores,
+        scores=block_sums(patch_scores, block),
         meat=spread * fisher,
         held_covariance=relative_variance * np.outer(value, value) if relative_variance else None,
         misfit=misfit_factor(deviations, int(np.count_nonzero(value))),
@@ -146,29 +145,44 @@ def fit_scatter(pulses: RecordedPulses, histogram: Histogram | None = None) -> S
 
 def _patches(pulses: RecordedPulses, histogram: Histogram | None = None) -> tuple[Numbers, Numbers, Numbers]:
     """Sum of squared residuals [m2], mean of 1 / SIGNAL and block index of each patch on a smooth surface."""
-    assert pulses.signal is not None
     reach = PATCH * COLUMN_STEP
     starts = np.arange(0, pulses.range_m.shape[1] - reach + 1, reach)[:, None]
     columns = np.concatenate([starts + first + COLUMN_STEP * np.arange(PATCH) for first in range(COLUMN_STEP)])
     block = pulses.block[columns]
     in_one_block = (block.max(axis=1) == block.min(axis=1)) & (np.ptp(columns, axis=1) == reach - COLUMN_STEP)
-    range_m, signal = pulses.range_m[:, columns], pulses.signal[:, columns]
-    with np.errstate(invalid="ignore"):
-        valid = np.isfinite(range_m).all(axis=2) & (signal.min(axis=2) > 0.0) & in_one_block
-        valid &= signal.max(axis=2) < PATCH_SIGNAL_RATIO * signal.min(axis=2)
+    range_m, inverse, valid, strong = _windows(pulses, columns, histogram)
+    valid, strong = valid & in_one_block, strong & in_one_block
     basis = np.linalg.qr(np.vander(np.arange(PATCH), 3))[0]  # orthonormal basis of the parabolas over a patch
     filled_range_m = np.where(valid[..., None], range_m, 0.0)
     squares = np.sum((filled_range_m - (filled_range_m @ basis) @ basis.T) ** 2, axis=2)
-    inverse = np.mean(1.0 / np.where(valid[..., None], signal, 1.0), axis=2)
-    relative = np.where(valid, squares / inverse, np.inf)
-    neighbour_scatter = np.full_like(relative, np.inf)
-    neighbour_scatter[1:-1] = np.maximum(relative[:-2], relative[2:])
-    usable = valid & np.isfinite(neighbour_scatter) & is_strong(1.0 / inverse, histogram)
+    _, smooth = _smoothest(np.where(valid, squares, np.inf) / inverse, strong)
+    block_index = np.unique(np.broadcast_to(block[:, 0], valid.shape)[smooth], return_inverse=True)[1]
+    return squares[smooth], inverse[smooth], block_index
+
+
+def _windows(
+    pulses: RecordedPulses, columns: Numbers, histogram: Histogram | None
+) -> tuple[Numbers, Numbers, Numbers, Numbers]:
+    """Ranges in each row at (k, w) columns, (rows, k, w), and (rows, k) their mean of 1 / SIGNAL and two masks.
+
+    The masks are those of like returns, and of those among them that are strong.
+    """
+    assert pulses.signal is not None
+    range_m, signal = pulses.range_m[:, columns], pulses.signal[:, columns]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        least, inverse = signal.min(axis=2), np.mean(1.0 / signal, axis=2)
+        valid = np.isfinite(range_m).all(axis=2) & (least > 0.0) & (signal.max(axis=2) < PATCH_SIGNAL_RATIO * least)
+        return range_m, np.where(valid, inverse, 1.0), valid, valid & is_strong(1.0 / inverse, histogram)
+
+
+def _smoothest(relative: Numbers, usable: Numbers) -> tuple[Numbers, Numbers]:
+    """Mask of windows with one above and below that has a scatter, and of those whose neighbours scatter least."""
+    neighbours = np.full_like(relative, np.inf)
+    neighbours[1:-1] = np.maximum(relative[:-2], relative[2:])
+    usable = usable & np.isfinite(neighbours)
     if not usable.any():
-        return np.zeros(0), np.zeros(0), np.zeros(0, int)
-    usable &= neighbour_scatter <= np.quantile(neighbour_scatter[usable], SMOOTH_SHARE)
-    block_index = np.unique(np.broadcast_to(block[:, 0], valid.shape)[usable], return_inverse=True)[1]
-    return squares[usable], inverse[usable], block_index
+        return usable, usable
+    return usable, usable & (neighbours <= np.quantile(neighbours[usable], SMOOTH_SHARE))
 
 
 def _correlation(pulses: RecordedPulses, relative: Numbers, histogram: Histogram | None) -> tuple[float, float]:
@@ -179,22 +193,15 @@ def _correlation(pulses: RecordedPulses, relative: Numbers, histogram: Histogram
     Args:
         relative: (n,) squares of the patches times their signals
     """
-    assert pulses.signal is not None
     reach = WIDE_STEP * (len(WIDE) - 1)
     columns = np.arange(max(pulses.range_m.shape[1] - reach, 0))[:, None] + WIDE_STEP * np.arange(len(WIDE))
     columns = columns[np.ptp(pulses.block[columns], axis=1) == 0]  # a block has no gap but of lost columns
-    range_m, signal = pulses.range_m[:, columns], pulses.signal[:, columns]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        inverse = np.mean(1.0 / signal, axis=2)
-        valid = np.isfinite(range_m).all(axis=2) & (signal.min(axis=2) > 0.0) & is_strong(1.0 / inverse, histogram)
-        valid &= signal.max(axis=2) < PATCH_SIGNAL_RATIO * signal.min(axis=2)
-        wide = np.where(valid, (range_m @ WIDE) ** 2 / inverse, np.inf)
-    neighbours = np.maximum(wide[:-2], wide[2:])
-    usable = valid[1:-1] & np.isfinite(neighbours)
+    range_m, inverse, _, strong = _windows(pulses, columns, histogram)
+    wide = np.where(strong, (range_m @ WIDE) ** 2 / inverse, np.inf)
+    usable, smooth = _smoothest(wide, strong)
     if usable.sum() < LEAST_PATCHES:
         return 1.0, 0.0
-    smooth = usable & (neighbours <= np.quantile(neighbours[usable], SMOOTH_SHARE))
-    factor = float(np.median(wide[1:-1][smooth]) / _MEDIAN_ONE * _MEDIAN_TWO / np.median(relative))
+    factor = float(np.median(wide[smooth]) / _MEDIAN_ONE * _MEDIAN_TWO / np.median(relative))
     variance = _MEDIAN_VARIANCE_ONE / int(smooth.sum()) + _MEDIAN_VARIANCE_TWO / len(relative)
     return (factor, variance) if factor > 0.0 and math.log(factor) > 2.0 * math.sqrt(variance) else (1.0, 0.0)
 

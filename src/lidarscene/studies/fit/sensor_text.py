@@ -149,28 +149,19 @@ def fitted_text(
         at_rest: estimates of frames at rest, by key of the file
         held: estimates that are not to be written -> the reason
     """
-    text, notes = _with_numbers_at_rest(text, at_rest, recording, where, held)
-    if parse_sensor(text, where).histogram is None:
-        rest = (
-            "what frames at rest do not tell is left as it was: other laws are fitted to sensors with [histogram] only"
-        )
-        return text, (*notes, rest)
-    text, more = _with_laws(text, estimates, recording, where, rows, held)
-    return text, (*notes, *more)
-
-
-def _with_numbers_at_rest(
-    text: str, at_rest: Mapping[str, Estimate], recording: str, where: str, held: Mapping[str, str]
-) -> tuple[str, tuple[str, ...]]:
-    """Put the estimates of frames at rest into a sensor file; returns the text, and notes on numbers that stay."""
-    accepted = {key: at_rest[key] for key in _certain(at_rest) if key not in held}
-    left = [key for key in at_rest if key not in accepted]
-    notes = tuple(f"{key} is left as it was: {held.get(key, at_rest[key])}" for key in left)
+    accepted = {key: estimate for key, estimate in _certain(at_rest).items() if key not in held}
+    notes = tuple(f"{key} is left as it was: {held.get(key, at_rest[key])}" for key in at_rest if key not in accepted)
     changes = {
         key: (estimate.value, f"fitted: {estimate}, pixels at rest, {recording}") for key, estimate in accepted.items()
     }
     text, change_notes = _with_changes(text, at_rest_changes(changes), where)
-    return text, (*notes, *change_notes)
+    if parse_sensor(text, where).histogram is None:
+        rest = (
+            "what frames at rest do not tell is left as it was: other laws are fitted to sensors with [histogram] only"
+        )
+        return text, (*notes, *change_notes, rest)
+    text, more = _with_laws(text, estimates, recording, where, rows, held)
+    return text, (*notes, *change_notes, *more)
 
 
 def _with_laws(
@@ -243,18 +234,11 @@ def _with_laws(
         fwhm_s = pulse_fwhm_s(sensor, accepted["scatter_c"].value)
         if fwhm_s is not None:
             changes["laser.pulse_fwhm_ns"] = (1e9 * fwhm_s, source_of("scatter_c", scatter_note))
-    # The recording has the counts of all shots, the file those of one.
-    scales = {
-        "threshold_slope": 1.0,
-        "threshold_pedestal": 1.0 / float(sensor.histogram.shots),
-        "threshold_spread": 1.0,
-        "threshold_least": 1.0,
-        "lone_factor": 1.0,
-    }
-    for key, scale in scales.items():
-        if key in accepted:
-            source = source_of(key, "; SIGNAL and NEAR_IR of kept and lost")
-            changes[f"histogram.{key}"] = (accepted[key].value * scale, source)
+    for key, file_key in FILE_KEYS.items():
+        if key in accepted and file_key == f"histogram.{key}":
+            # The recording has the counts of all shots, the file those of one.
+            scale = 1.0 / float(sensor.histogram.shots) if key == "threshold_pedestal" else 1.0
+            changes[file_key] = accepted[key].value * scale, source_of(key, "; SIGNAL and NEAR_IR of kept and lost")
     if "threshold_slope" in accepted:
         text = remove_keys(text, "histogram.threshold_floor")
     if rows is not None:

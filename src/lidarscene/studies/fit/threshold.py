@@ -20,7 +20,7 @@ from ...maths.arrays import Numbers
 from ...physics.photon_counting.matched_filter import SCALE, TEMPLATE
 from ...physics.photon_counting.pile_up import BOX, BOX_SHARE
 from ...sensor.sensor_model import Sensor
-from .estimates import Estimate, Solution, misfit_factor
+from .estimates import Estimate, Solution, block_sums, misfit_factor
 from .recorded_pulses import RecordedPulses
 from .tuning import LARGEST_CONDITION, LARGEST_PEDESTAL, LARGEST_SIGNAL_RATIO, LEAST_VARIANCE, RANGE_TOLERANCE
 
@@ -58,10 +58,6 @@ class Threshold:
         """SIGNAL at which the chance of a return is one half."""
         return _level(self.solved.value, near_ir)
 
-    def chance(self, signal: Numbers, near_ir: Numbers) -> Numbers:
-        """Chance of a return at these signals and backgrounds."""
-        return _chance(self.solved.value, signal, near_ir)
-
     def shares(self, sensor: Sensor) -> Numbers:
         """(k, 3) chance by a sensor, share that was kept, and number of the held-out pulses, by the chance.
 
@@ -73,9 +69,8 @@ class Threshold:
         middle = float(np.ravel(sensor.histogram.threshold(np.array([self.near_ir])))[0])
         filter_share = filter_variance(sensor, photons=middle, near_ir=self.near_ir) / (middle * middle)
         width = math.sqrt(float(sensor.histogram.threshold_spread or 0.0) ** 2 + filter_share) / LOGISTIC
-        argument = np.log(_photons(signal) / level) / width
-        chance = 1.0 / (1.0 + np.exp(-np.clip(argument, -60.0, 60.0)))
-        return shares_by_chance(np.asarray(chance), returned, CHANCE_BINS)
+        argument = np.log(photons(signal) / level) / width
+        return shares_by_chance(logistic(argument), returned, CHANCE_BINS)
 
     def error_of(self, sensor: Sensor) -> float:
         """Mean absolute difference of a sensor's and the recorded share, weighted by the number of pulses."""
@@ -145,15 +140,12 @@ def fit_threshold(pulses: RecordedPulses) -> Threshold | None:
         value = solution
         max_signal = LARGEST_SIGNAL_RATIO * float(_level(value, np.median(near_ir)))
     chance, slopes = _chance(value, signal, near_ir), _slopes(value, signal, near_ir)
-    block = pulses.blocks(fit_mask)
-    pulse_scores = (returned - chance)[:, None] * slopes
-    scores = np.column_stack([np.bincount(block, column) for column in pulse_scores.T])
     held_out = mask & ~fitted
     return Threshold(
         solved=Solution(
             value=value,
-            slope=_information(value, signal, near_ir),
-            scores=scores,
+            slope=information(slopes, chance),
+            scores=block_sums((returned - chance)[:, None] * slopes, pulses.blocks(fit_mask)),
             misfit=misfit_factor(deviations_of_shares(chance, returned), len(value)),
         ),
         near_ir=float(np.median(near_ir)),
@@ -205,7 +197,7 @@ def on_surface(pulses: RecordedPulses) -> Numbers:
     return mask
 
 
-def _photons(signal: Numbers) -> Numbers:
+def photons(signal: Numbers) -> Numbers:
     """SIGNAL as recorded in whole photons, of none half of one."""
     return np.maximum(signal, 0.5)
 
@@ -216,11 +208,11 @@ def _level(value: Numbers, near_ir: Numbers) -> Numbers:
 
 def _argument(value: Numbers, signal: Numbers, near_ir: Numbers) -> Numbers:
     """ln(SIGNAL / U) / width."""
-    return np.asarray(np.log(_photons(signal) / _level(value, near_ir)) * math.exp(-value[2]))
+    return np.asarray(np.log(photons(signal) / _level(value, near_ir)) * math.exp(-value[2]))
 
 
 def _chance(value: Numbers, signal: Numbers, near_ir: Numbers) -> Numbers:
-    return np.asarray(1.0 / (1.0 + np.exp(-np.clip(_argument(value, signal, near_ir), -60.0, 60.0))))
+    return logistic(_argument(value, signal, near_ir))
 
 
 def _slopes(value: Numbers, signal: Numbers, near_ir: Numbers) -> Numbers:
@@ -238,7 +230,7 @@ def _maximise(signal: Numbers, near_ir: Numbers, returned: Numbers) -> Numbers |
 
     def at_pedestal(pedestal: float) -> tuple[float, Numbers | None]:
         """-ln L and parameters. A pedestal given, the argument is linear in 1 / width and ln slope / width."""
-        design = np.column_stack([np.log(_photons(signal) / np.sqrt(near_ir + pedestal)), np.ones_like(signal)])
+        design = np.column_stack([np.log(photons(signal) / np.sqrt(near_ir + pedestal)), np.ones_like(signal)])
         linear = logistic_coefficients(design, returned)
         if linear is None or linear[0] <= 0.0:
             return math.inf, None
@@ -263,7 +255,8 @@ def _maximise(signal: Numbers, near_ir: Numbers, returned: Numbers) -> Numbers |
     assert value is not None
     # The same threshold in other units, so that the condition is that of the light alone.
     scale = np.array([1.0, median, 1.0])
-    regular = np.linalg.cond(_information(value, signal, near_ir) * np.outer(scale, scale)) < LARGEST_CONDITION
+    matrix = information(_slopes(value, signal, near_ir), _chance(value, signal, near_ir))
+    regular = np.linalg.cond(matrix * np.outer(scale, scale)) < LARGEST_CONDITION
     return value if regular else None
 
 
@@ -271,21 +264,21 @@ def logistic_coefficients(design: Numbers, returned: Numbers) -> Numbers | None:
     """Coefficients of the likeliest logistic law; None without a maximum."""
     from scipy.optimize import root
 
-    def chance(value: Numbers) -> Numbers:
-        return np.asarray(1.0 / (1.0 + np.exp(-np.clip(design @ value, -60.0, 60.0))))
-
-    def information(value: Numbers) -> Numbers:
-        share = chance(value)
-        return np.asarray((design * (share * (1.0 - share))[:, None]).T @ design)
+    def matrix(value: Numbers) -> Numbers:
+        return information(design, logistic(design @ value))
 
     solution = root(
-        lambda value: design.T @ (returned - chance(value)), np.zeros(2), jac=lambda value: -information(value)
+        lambda value: design.T @ (returned - logistic(design @ value)), np.zeros(2), jac=lambda value: -matrix(value)
     )
     # Of separable data no chance is between 0 and 1; the last element is the sum of chance times (1 - chance).
-    return np.asarray(solution.x) if solution.success and information(solution.x)[1, 1] > 1.0 else None
+    return np.asarray(solution.x) if solution.success and matrix(solution.x)[1, 1] > 1.0 else None
 
 
-def _information(value: Numbers, signal: Numbers, near_ir: Numbers) -> Numbers:
-    """(3, 3) Fisher matrix."""
-    chance, slopes = _chance(value, signal, near_ir), _slopes(value, signal, near_ir)
+def logistic(argument: Numbers) -> Numbers:
+    """Evaluate the logistic function."""
+    return np.asarray(1.0 / (1.0 + np.exp(-np.clip(argument, -60.0, 60.0))))
+
+
+def information(slopes: Numbers, chance: Numbers) -> Numbers:
+    """(p, p) Fisher matrix of (n,) logistic chances whose arguments have (n, p) slopes."""
     return np.asarray((slopes * (chance * (1.0 - chance))[:, None]).T @ slopes)

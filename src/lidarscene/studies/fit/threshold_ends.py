@@ -18,14 +18,17 @@ import numpy as np
 
 from ...maths.arrays import Numbers
 from ...sensor.sensor_model import Sensor
-from .estimates import DRAWS, Estimate, Solution, misfit_factor
+from .estimates import Estimate, Solution, block_sums, drawn_counts, misfit_factor
 from .recorded_pulses import RecordedPulses
 from .threshold import (
     Threshold,
     deviations_of_shares,
     filter_variance,
+    information,
+    logistic,
     logistic_coefficients,
     on_surface,
+    photons,
     threshold_pulses,
 )
 from .tuning import DECISIVE, FILTER_DEVIATES, LARGEST_RATIO, LEAST_RATIO, LEASTS
@@ -52,13 +55,11 @@ def fit_lone_factor(pulses: RecordedPulses, threshold: Threshold) -> Estimate | 
     coefficients = logistic_coefficients(design, returned)
     if coefficients is None or coefficients[0] <= 0.0:
         return None
-    chance = 1.0 / (1.0 + np.exp(-np.clip(design @ coefficients, -60.0, 60.0)))
-    scores = (returned - chance)[:, None] * design
-    block = pulses.blocks(mask)
+    chance = logistic(design @ coefficients)
     solved = Solution(
         value=coefficients,
-        slope=(design * (chance * (1.0 - chance))[:, None]).T @ design,
-        scores=np.column_stack([np.bincount(block, column) for column in scores.T]),
+        slope=information(design, chance),
+        scores=block_sums((returned - chance)[:, None] * design, pulses.blocks(mask)),
         misfit=misfit_factor(deviations_of_shares(chance, returned), 2),
     )
     return solved.estimate("lone_factor", "", lambda p: math.exp(-p[1] / p[0]))
@@ -90,17 +91,14 @@ def fit_least(pulses: RecordedPulses, threshold: Threshold, sensor: Sensor, spre
     if total[best] - total[-1] < DECISIVE or best in (0, len(LEASTS) - 1):
         return None
     likely = LEASTS[total[:-1] > total[best] - 0.5]
-    random = np.random.default_rng(0)
-    blocks = len(likelihoods)
-    counts = random.multinomial(blocks, np.full(blocks, 1.0 / blocks), size=DRAWS)
-    drawn = LEASTS[np.argmax(counts @ likelihoods[:, :-1], axis=1)]
+    drawn = LEASTS[np.argmax(drawn_counts(len(likelihoods)) @ likelihoods[:, :-1], axis=1)]
     step = LEASTS[best] - LEASTS[best - 1]
     return Estimate(
         key="threshold_least",
         value=float(LEASTS[best]),
         unit="",
         fisher=float(max(0.5 * np.ptp(likely), step)),
-        bootstrap=float(np.std(drawn)) if blocks > 1 else math.inf,
+        bootstrap=float(np.std(drawn)) if len(likelihoods) > 1 else math.inf,
     )
 
 
@@ -108,7 +106,7 @@ def _ratio(pulses: RecordedPulses, threshold: Threshold) -> Numbers:
     """SIGNAL over the median threshold of each pulse; NaN where one was not recorded."""
     assert pulses.signal is not None
     assert pulses.near_ir is not None
-    return np.asarray(np.maximum(pulses.signal, 0.5) / threshold.level(pulses.near_ir))
+    return np.asarray(photons(pulses.signal) / threshold.level(pulses.near_ir))
 
 
 def _chances(ratio: Numbers, spread: float, filter_sigma: float, least: Numbers) -> Numbers:

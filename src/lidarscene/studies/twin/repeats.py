@@ -16,6 +16,7 @@ from ...maths.arrays import Numbers
 from ..held import LIMITS, Held, ratio
 from .judge import LEAST_PULSES, LEAST_SCATTERED, spread
 from .matched_pulses import NO_SURFACE, MatchedPulses
+from .surfels import SMOOTH
 from .tuning import OCTAVES_M, SAME_SURFACE_M
 
 STRENGTHS = 4
@@ -61,6 +62,7 @@ class Repeats:
     simulated_range_m: Numbers
     strength: Numbers | None
     simulated_strength: Numbers | None
+    is_smooth: Numbers
 
     @classmethod
     def from_frames(cls, frames: Sequence[MatchedPulses], pulses: int) -> Repeats:
@@ -82,16 +84,25 @@ class Repeats:
             simulated_range_m=simulated_range_m,
             strength=by_pulse("strength"),
             simulated_strength=by_pulse("simulated_strength"),
+            is_smooth=by_pulse("kind") == SMOOTH,
         )
 
     def changes(self) -> Changes:
-        """Changes between frames that follow each other."""
+        """Changes between frames that follow each other, on smooth surfaces.
+
+        Elsewhere beams that miss meet another leaf or stair, which is finer than the twin's quads.
+        """
+        smooth = self.is_smooth[1:]
         return Changes(
-            range_m=self.range_m[1:].ravel(),
-            strength=None if self.strength is None else self.strength[1:].ravel(),
-            real_m=changes_m(self.range_m).ravel(),
-            simulated_m=changes_m(self.simulated_range_m).ravel(),
+            range_m=self.range_m[1:][smooth],
+            strength=None if self.strength is None else self.strength[1:][smooth],
+            real_m=changes_m(self.range_m)[smooth],
+            simulated_m=changes_m(self.simulated_range_m)[smooth],
         )
+
+    def kept_again(self, pulses: MatchedPulses) -> Numbers:
+        """(n,) recorded share of each pulse that returns in the other frames, if it was lost in its own."""
+        return np.asarray(np.isfinite(self.range_m).sum(axis=0)[pulses.pulse] / (len(self.range_m) - 1))
 
     def quantities(self) -> Iterator[Held]:
         """Rows on pixels that flicker, jump or scatter."""
