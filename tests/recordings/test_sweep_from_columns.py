@@ -49,6 +49,8 @@ def test_rows_are_lasers(names: Iterable[str]) -> None:
         assert sweep.shape == (3, 50)
         assert np.argwhere(sweep.lost).tolist() == [[1, 7]]
         np.testing.assert_allclose(sweep.xyz_m[2, 9], [18.0, 9.0, 18.0])
+    leaning = {"x": columns["x"], "y": columns["y"], "z": columns["y"] + 1e-3 * columns["z"]}
+    assert sweep_of(leaning, shape=(3, 50), metadata={}).shape == (3, 50)  # of a sensor that was mounted askew
 
 
 @pytest.mark.parametrize(

@@ -118,12 +118,12 @@ def open_cloud(path: Path, metadata: Path | None) -> Recording:
         file = files[frame]
         with input_errors(file):
             name, columns_of = CLOUDS[str(suffix_of(file))]
-            own, shape = own_cloud(file), None
-            placed: dict[str, Any] = {}
+            own = own_cloud(file)
             if own is None:
                 columns, shape = columns_of(file)
+                placed: dict[str, Any] = {}
             else:
-                columns = {column.name: own.column(column.name) for column in own.columns}
+                columns, shape = {column.name: own.column(column.name) for column in own.columns}, None
                 placed = {"pose": own.sensor_to_world, "start_s": own.frame_start_s}
             described = recording_metadata | {"format": name, "frame": str(frame)}
             sweep = sweep_of(columns, shape=shape, metadata=described, **placed)

@@ -71,7 +71,7 @@ def sweep_of(
     }
     ring = recorded_columns["ring"]
     lasers = np.ma.array(direction[:, 2] if ring is None else ring, mask=~has_point[in_sweep]).reshape(sweep_shape)
-    if shape is not None and _has_rows_of_firings(lasers):
+    if shape is not None and shape[0] > shape[-1] and _has_rows_of_firings(lasers):
         turned = {name: values.reshape(shape).T for name, values in by_name.items()}
         return sweep_of(turned, shape=shape[::-1], start_s=start_s, pose=pose, metadata=metadata)
     stamps = recorded_columns.pop("time")

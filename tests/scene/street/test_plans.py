@@ -279,6 +279,20 @@ def test_people_walk_as_far_to_the_one_end_of_a_block_as_to_the_other() -> None:
     assert with_people >= 2 * len(layout.blocks) - 2
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_people_keep_apart_on_the_inner_side_of_bends(seed: int) -> None:
+    """Though 5 m along the middle of a wide street are 1.4 m there: a pram and who pushes it are 1.9 m long."""
+    keys = {"bend_radius_m": (20.0, 20.0), "bend_spacing_m": (20.0, 30.0), "walking_spacing_m": (5.0, 5.0)}
+    layout = laid.lay_out(StreetFile(length_m=60.0, shown_m=50.0, lanes=2, pavement_m=6.0, seed=seed, **keys))
+    tracks = list(driven._walking_tracks(layout, np.arange(0.0, 60.0, 2.0), np.random.default_rng(seed)))
+    assert len(tracks) > 20
+    x_m, y_m = np.array([track.x_m for track in tracks]), np.array([track.y_m for track in tracks])
+    place_m = layout.line.at(x_m.ravel(), y_m.ravel())[:, :2].reshape(*x_m.shape, 2)
+    apart_m = np.hypot(*np.moveaxis(place_m[:, None] - place_m, -1, 0))
+    of_one_way = (np.abs(y_m[:, None] - y_m) < 0.01) & ~np.eye(len(tracks), dtype=bool)[..., None]
+    assert apart_m[of_one_way].min() > 1.9
+
+
 def test_vehicles_begin_eight_metres_apart_whatever_their_lengths() -> None:
     keys = {"ahead": 5, "behind": 5, "bend_deg": (0.0, 0.0), "oncoming_gap_m": (5.0, 10.0)}
     layout, lengths_m = laid.lay_out(StreetFile(length_m=60.0, shown_m=50.0, **keys)), []
@@ -615,6 +629,15 @@ def test_markings_of_a_network_are_where_lanes_end_and_meet(crossroads: sumo.Net
     edges = of(bodies, "line_")
     assert {body["offset_m"] for body in edges} == {1.55, -1.55, 1.8, -1.8}
     assert all(np.ptp(np.array(body["line"])[:, int("line_4" in body["name"])]) > 20.0 for body in edges)
+
+
+def test_a_line_does_not_turn_back_where_a_lane_has_a_point_near_its_end() -> None:
+    """Lines end 0.2 m before lanes do. As at a lane of esmini's soderleden.xodr, points are nearer to both ends."""
+    lane = road([(0, 1.75, 0), (0.1, 1.75, 0), (40, 1.75, 0), (79.9, 1.75, 0), (80, 1.75, 0)], 3.5)
+    network = sumo.Network([lane], [], [], [], {}, [], [], [])
+    relief = terrain.Relief(np.concatenate(tables._places_on_lanes(network)), 1.0)
+    for body in of(tables._markings(network, relief, []), "line_"):
+        assert np.array(body["line"])[:, 0] == pytest.approx([0.2, 40.0, 79.8])
 
 
 def test_what_stands_by_a_network_faces_the_road_and_stands_off_it(crossroads, relief):

@@ -187,9 +187,16 @@ def certify_in_twin(
     for figure in side_figures(judged.pulses, judged.repeats, judged.was_kept):
         report.add_figure(figure)
     clouds = {REAL: cloud_of(judged.full_sweep), SIMULATED: judged.cloud.in_sensor_frame()}
-    scale = common_scale(list(clouds.values()), "range")
+    draw = partial(
+        perspective_picture,
+        colour_by="range",
+        view=_VIEW,
+        highlight_false_alarms=False,
+        size_px=(1280, 720),
+        colours=FixedColours(limits=common_scale(list(clouds.values()), "range")),
+    )
     captions = {REAL: "Recorded, by range.", SIMULATED: "Simulated in the twin, by range."}
-    report.add_pictures([(side, captions[side], partial(_draw, cloud, scale=scale)) for side, cloud in clouds.items()])
+    report.add_pictures([(side, captions[side], partial(draw, cloud)) for side, cloud in clouds.items()])
     report.add_heading("Not covered")
     report.add_table(("what", "since"), list(numbers["not_covered"].items()))
     report.add_heading("Where the limits come from")
@@ -262,19 +269,15 @@ def judge_in_twin(
     judged = replace(judged, control=(images[::2], images[1::2]))
     if len(sweeps) == 1:
         return judged, rows
-    was_kept = np.zeros(scanner.pulses, bool)
-    was_kept[match_pulses(sensor, twin_sweep)[0][twin_sweep.has_return]] = True
-    judged = replace(
-        judged,
-        repeats=Repeats.from_frames(frames, scanner.pulses),
-        was_kept=was_kept[np.concatenate([pulses.pulse for pulses in frames])],
-    )
-    assert judged.repeats is not None
-    assert judged.was_kept is not None
+    repeats = Repeats.from_frames(frames, scanner.pulses)
+    returned = np.zeros(scanner.pulses, bool)
+    returned[match_pulses(sensor, twin_sweep)[0][twin_sweep.has_return]] = True
+    pulses = judged.pulses
+    was_kept, losses = returned[pulses.pulse], losses_kept(pulses, repeats.kept_again(pulses))
     # A pixel beside itself tells its noise; along a ring surfaces that are not smooth enter.
-    losses = losses_kept(judged.pulses, judged.repeats.kept_again(judged.pulses))
     rows = [row for row in rows if row.quantity not in {"range, scatter", losses.quantity}]
-    return judged, [*rows, losses, kept_at_rest(judged.pulses, judged.was_kept), *judged.repeats.quantities()]
+    rows += [losses, kept_at_rest(pulses, was_kept), *repeats.quantities()]
+    return replace(judged, repeats=repeats, was_kept=was_kept), rows
 
 
 def _beside(pulses: MatchedPulses, other_columns: Sweep) -> Numbers:
@@ -290,19 +293,15 @@ def _image(sweep: Sweep) -> Image:
 def _images(frames: Sequence[MatchedPulses], side: str, *, smooth_only: bool) -> list[Image]:
     """Range images of one side, "" or "simulated_"; of all pulses, or of those that met a smooth surface."""
 
-    def image(frame: MatchedPulses, values: Numbers | None) -> Numbers | None:
+    def image(frame: MatchedPulses, name: str) -> Any:
+        values = getattr(frame, f"{side}{name}")
         if values is None:
             return None
         pixels = np.full((frame.ring.max() + 1, frame.column.max() + 1), np.nan)
         pixels[frame.ring, frame.column] = np.where(smooth_only & (frame.kind != SMOOTH), np.nan, values)
         return pixels
 
-    images = []
-    for frame in frames:
-        range_m = image(frame, getattr(frame, f"{side}range_m"))
-        assert range_m is not None
-        images.append(Image(range_m, image(frame, getattr(frame, f"{side}strength"))))
-    return images
+    return [Image(image(frame, "range_m"), image(frame, "strength")) for frame in frames]
 
 
 def _told_apart(judged: _Judged) -> dict[str, tuple[ToldApart, ToldApart | None]]:
@@ -385,23 +384,6 @@ def _sources(rows: Sequence[Held]) -> Table:
     """Limits and their sources, each once."""
     limited = {(row.quantity, str(row.limits), row.limits.source): None for row in rows if row.is_limited}
     return ("quantity", "limit", "source"), list(limited)
-
-
-def _draw(cloud: PointCloud, path: Path, *, scale: tuple[float, float]) -> None:
-    """Draw a cloud in the sensor's frame, seen from behind and above the sensor.
-
-    Raises:
-        OutputError: if a result cannot be written
-    """
-    perspective_picture(
-        cloud,
-        path,
-        colour_by="range",
-        view=_VIEW,
-        highlight_false_alarms=False,
-        size_px=(1280, 720),
-        colours=FixedColours(limits=scale),
-    )
 
 
 _NOTE = (

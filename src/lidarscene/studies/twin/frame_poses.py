@@ -101,20 +101,14 @@ def _thin(sweep: Sweep) -> Any:
 def _register(cloud_of: Callable[[int], Any], number: int, reference: int) -> Pose:
     """Pose of one frame in the axes of another that it overlaps, by point-to-plane ICP; warns if it does not fit."""
     registration = open3d().pipelines.registration
+    cloud, target = cloud_of(number), cloud_of(reference)
+    by_planes = registration.TransformationEstimationPointToPlane()
     matrix = np.eye(4)
     for within_m in LARGEST_PAIR_DISTANCE_M:
-        fit = registration.registration_icp(
-            cloud_of(number), cloud_of(reference), within_m, matrix, registration.TransformationEstimationPointToPlane()
-        )
+        fit = registration.registration_icp(cloud, target, within_m, matrix, by_planes)
         matrix = fit.transformation
     if fit.fitness < LEAST_FIT:
-        warn(
-            OptionWarning(
-                "frame {0} does not fit frame {1}: {2} of its points are near one of that; frames must follow each "
-                "other, up to 8 m apart, or have poses",
-                number,
-                reference,
-                f"{fit.fitness:.0%}",
-            )
-        )
+        near = "frame {0} does not fit frame {1}: {2} of its points are near one of that; "
+        must = "frames must follow each other, up to 8 m apart, or have poses"
+        warn(OptionWarning(near + must, number, reference, f"{fit.fitness:.0%}"))
     return Pose(position_m=np.array(matrix[:3, 3]), rotation=np.array(matrix[:3, :3]))

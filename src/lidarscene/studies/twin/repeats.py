@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -68,24 +68,16 @@ class Repeats:
     def from_frames(cls, frames: Sequence[MatchedPulses], pulses: int) -> Repeats:
         """Order the matched pulses of each frame; the scanner fires so many a frame."""
 
-        def by_pulse(name: str) -> Numbers | None:
+        def by_pulse(name: str) -> Any:
+            if getattr(frames[0], name) is None:
+                return None
             values = np.full((len(frames), pulses), np.nan)
             for row, frame in zip(values, frames, strict=True):
-                if getattr(frame, name) is None:
-                    return None
                 row[frame.pulse] = getattr(frame, name)
             return values
 
-        range_m, simulated_range_m = by_pulse("range_m"), by_pulse("simulated_range_m")
-        assert range_m is not None
-        assert simulated_range_m is not None
-        return cls(
-            range_m=range_m,
-            simulated_range_m=simulated_range_m,
-            strength=by_pulse("strength"),
-            simulated_strength=by_pulse("simulated_strength"),
-            is_smooth=by_pulse("kind") == SMOOTH,
-        )
+        ranges_and_strengths = [field.name for field in fields(cls) if field.name != "is_smooth"]
+        return cls(**{name: by_pulse(name) for name in ranges_and_strengths}, is_smooth=by_pulse("kind") == SMOOTH)
 
     def changes(self) -> Changes:
         """Changes between frames that follow each other, on smooth surfaces.
