@@ -59,10 +59,7 @@ def test_scatter_is_told_by_octaves_and_fails_in_the_one_that_is_off() -> None:
     rows = rows_named(
         judge._ranges(pulses(simulated_change_m=base.simulated_change_m * np.where(weak, 2.0, 1.0))), "range, scatter"
     )
-    assert {row.condition: row.verdict for row in rows} == {
-        "signal 16 to 32": False,
-        "signal 32 to 64": True,
-    }
+    assert {row.condition: row.verdict for row in rows} == {"signal 16 to 32": False, "signal 32 to 64": True}
 
 
 def test_returns_before_what_was_recorded_are_counted_there() -> None:
