@@ -164,7 +164,7 @@ def test_las_of_another_program(
 
 @pytest.mark.parametrize("name", ["ply", "pcd", "las", "laz"])
 def test_our_own_files_are_recordings_too(tmp_path: Path, name: str) -> None:
-    """In the sensor's frame with its pose, and without the true reflectivity.
+    """Points are in the sensor's frame with its pose, without the true reflectivity.
 
     Rationale: `twin` of a rendered cloud took the world's origin for the sensor, and reflectivities for percents.
     """

@@ -86,7 +86,7 @@ def test_a_turn_ends_where_the_recording_pauses(tmp_path: Path, library: Callabl
 
 
 def test_a_turn_ends_where_the_clock_is_set_back(tmp_path: Path, library: Callable[[str], Any]) -> None:
-    """By 500 s, within the second turn, whose times would be as long."""
+    """The second turn is cut, whose times would be as long as the 500 s of the step."""
     library("velodyne_decoder")
     payloads = turns(2 * PACKETS)
     for number in range(100):
