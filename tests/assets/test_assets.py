@@ -1,11 +1,8 @@
 """The meshes and scenes that tools/scenes/ makes: the same bytes again, sound triangles, the geometry they promise."""
 
-import math
-import re
 import subprocess
 import sys
 import tomllib
-from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -255,80 +252,11 @@ def test_the_street_has_200k_triangles_and_cars_of_four_colours():
 # ---- the range scene: Table 1's conditions, to the last digit ----
 
 
-def boards():
-    """(scene, names, centres, normals, corners) of the range scene; corners (n, 4, 3)."""
-    scene = scene_of("range")
-    centre = np.array([body["position_m"] for body in scene["bodies"]])
-    corners, normal = [], []
-    for body in scene["bodies"]:
-        yaw, pitch = math.radians(body["yaw_deg"]), math.radians(body["pitch_deg"])
-        about_z = np.array([[math.cos(yaw), -math.sin(yaw), 0], [math.sin(yaw), math.cos(yaw), 0], [0, 0, 1]])
-        up = np.array([[math.cos(pitch), 0, -math.sin(pitch)], [0, 1, 0], [math.sin(pitch), 0, math.cos(pitch)]])
-        half = 0.5 * np.array(body["size_m"])
-        flat = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * [*half, 0]
-        corners.append(flat @ (about_z @ up).T + body["position_m"])
-        normal.append((about_z @ up)[:, 2])
-    return scene, [body["name"] for body in scene["bodies"]], centre, np.array(normal), np.array(corners)
-
-
-def sun_direction(scene):
-    azimuth, elevation = (math.radians(scene["sun"][key]) for key in ("azimuth_deg", "elevation_deg"))
-    level = math.cos(elevation)
-    return np.array([level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation)])
-
-
-def test_range_boards_are_a_pair_every_50_m():
-    scene, names, centre, _, _ = boards()
-    assert sorted(names) == sorted(f"board_{p}_{r}m" for p in (10, 80) for r in range(50, 501, 50))
-    for name, place, body in zip(names, centre, scene["bodies"], strict=True):
-        percent, range_m = map(int, re.findall(r"\d+", name))
-        assert np.linalg.norm(place) == pytest.approx(range_m, abs=1e-9)
-        assert scene["materials"][body["material"]] == {"bsdf": "diffuse", "reflectivity": percent / 100}
-    assert scene["sensor"]["position_m"] == [0, 0, 0]
-
-
 def test_range_conditions_are_those_of_table_1():
     scene = scene_of("range")
     assert scene["sun"]["illuminance_klux"] == 100
     assert scene["sky"]["diffuse_share"] == 0
     assert scene["air"] == {"transmittance": 0.98}
-
-
-def test_range_boards_face_the_sensor_and_the_sun_is_60_degrees_off():
-    scene, _, centre, normal, _ = boards()
-    towards = -centre / np.linalg.norm(centre, axis=1, keepdims=True)
-    off_axis = np.linalg.norm(np.cross(normal, towards), axis=1)
-    assert off_axis.max() < 1e-9
-    assert (np.einsum("ij,ij->i", normal, towards) > 0).all(), "the front is towards the sensor"
-    off_sun = np.degrees(np.arccos(normal @ sun_direction(scene)))
-    np.testing.assert_allclose(off_sun, 60.0, atol=1e-9)
-
-
-def test_range_boards_are_seen_whole_and_apart():
-    _, names, _, _, corners = boards()
-    way = corners / np.linalg.norm(corners, axis=2, keepdims=True)
-    azimuth = np.degrees(np.arctan2(way[..., 1], way[..., 0]))
-    elevation = np.degrees(np.arcsin(way[..., 2]))
-    assert np.abs(azimuth).max() < 60
-    assert np.abs(elevation).max() < 12.5
-    for i, j in combinations(range(len(names)), 2):
-        apart = max(azimuth[i].min() - azimuth[j].max(), azimuth[j].min() - azimuth[i].max())
-        assert apart > 1.0, (names[i], names[j])
-    side = np.degrees(2 * np.arcsin(np.linalg.norm(way[:, 0] - way[:, 1], axis=1) / 2))
-    assert side.min() > 2.2, "fewer than 100 beams of 0.2 degrees"
-
-
-def test_no_range_board_shades_another():
-    scene, names, _, _, corners = boards()
-    triangles = np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]])
-    shares = np.array([(a, b) for a in (0.02, 0.35, 0.65, 0.98) for b in (0.02, 0.35, 0.65, 0.98)])
-    u, v = corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]
-    spots = corners[:, None, 0] + shares[:, :1] * u[:, None] + shares[:, 1:] * v[:, None]
-    sun = sun_direction(scene)
-    start = spots.reshape(-1, 3) + 1e-3 * sun
-    range_m, _ = first_hits(triangles, start, np.broadcast_to(sun, start.shape))
-    shaded = sorted({names[i // len(shares)] for i in np.flatnonzero(np.isfinite(range_m))})
-    assert shaded == []
 
 
 def test_the_source_package_has_what_the_tests_read() -> None:

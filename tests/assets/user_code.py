@@ -62,41 +62,30 @@ m: Material = scene.materials["brick"]
 
 # Studies beyond one range.
 swept = ls.sweep(["vlp-16", sensor], "illuminance_klux", start=0.1, stop=100.0, points=50, reflectivity=0.3)
-crossing_klux = swept.table["illuminance_klux"]
 ls.sweep(sensor, "detector.gain", quantity="snr", distance=150, log=True).save("gain")
 worth = ls.sensitivities("vlp-16", distance=80)
 strongest: str = worth.table["parameter"][0]
 safe = ls.eye_safety([sensor, s2])
 if safe.passed is None:
     print("not judged", safe.numbers)
-front = ls.design("gain", "out/gain")
-front.save(Path("out/gain"))
 ls.design(Path("my-study.toml"), Path("out/study")).plot("front").save("front.png")
 fitted = ls.fit(["a.osf", "b.osf"], "os2-128", sensor_index=1, frames=[0, 1, 2], metadata="os2.json")
 fitted.write("sensor.toml", "my-os2.toml")
 ls.fit("os1.pcap", scene="out/twin/scene.toml", poses="poses.csv")
 
 # What a designer changes.
-powers = [ls.max_range(sensor.replace(laser={"peak_power_w": power})).table for power in (20, 40, 80)]
-ranges_m = np.array([table["range_m"][0] for table in powers])
 hot = ls.load_sensor("my-apd.toml", overrides=["detector.gain=80", "detector.temperature_k=330"])
 noise = hot.working_point(0.0)
 
 # What a trainer of perception does.
 frames: list[PointCloud] = list(ls.render_frames("drive", "os1-128", frames=2, seed=7))
-features = np.stack([frames[0]["x"], frames[0]["y"], frames[0]["z"], frames[0]["intensity"]], axis=1)
-labels = frames[0]["class"]
-hit = frames[0][frames[0].status == ls.Status.ECHO]
 frame_boxes = ls.boxes(frames[0], ls.load_scene("drive"))
-ls.record("drive", "os1-128", outputs=Outputs("out/kitti", labels="kitti"), frames=10)
 ls.record("drive", ls.load_rig("rig"), outputs=Outputs("out/rig"), frames=2)
 
 # A scene without a file.
 target = ls.Scene(name="board", sun=ls.Sun(illuminance_klux=50.0), air=ls.Air(visibility_m=5e3))
 target = target.add((np.zeros((3, 3)), np.array([[0, 1, 2]])), "concrete", (20, 0, 1), name="board")
 live = ls.LiveSimulator(target, "vlp-16")
-trace = TraceOptions(rays=16, interactions=1)
-ls.Simulator(target, sensor, trace).render(seed=5).plot("snr").save("board.png")
 
 # By name, in the words of the README.
 mine: Sensor = Sensor("apd-905")

@@ -27,6 +27,7 @@ from lidarscene.labels import nuscenes_dataset
 from lidarscene.maths.pose import Pose
 from lidarscene.scene.meshes.primitives import plane_mesh
 from lidarscene.scene.scene import Body, Part, Scene
+from lidarscene.scene.scene_file import scene_model
 
 ROAD = """
 [[bodies]]
@@ -157,15 +158,26 @@ def test_frames_of_a_drive_are_cut_in_order(tmp_path: Path) -> None:
     assert parts_of(read_job(tmp_path, text)) == expected
 
 
+TAXI = """
+[[bodies]]
+name = "taxi"
+class = "car"
+material = "asphalt"
+primitive = "box"
+size_m = [4, 2, 1]
+motion = { speed_m_s = 5 }
+"""
+
+
 def test_a_street_is_in_one_part(tmp_path: Path) -> None:
-    """What differs in light, paint, the vehicle's way or the file's name is one street, unless `by` says otherwise;
-    another place of the car is another. So no pose of what is tested was learned.
+    """What differs in light, paint, traffic, the vehicle's way or the file's name is one street, unless `by` says
+    otherwise; another place of the car is another. So no pose of what is tested was learned.
     """
     text = 'dataset = "kitti"\n[splits]\ntrain = 0.5\nval = 0.5\n[sweep.scene]\n'
     text += '"sun.illuminance_klux" = [1, 100]\n"bodies.wall.position_m" = [[10, 0, 1.8], [12, 0, 1.8]]\n'
     text += '"ego.speed_m_s" = [5, 9]\n"bodies.wall.material" = ["concrete", "asphalt"]\n'
     text = text.replace("dataset", 'scenes = ["street.toml", "wet.toml"]\ndataset', 1)
-    (tmp_path / "wet.toml").write_text('extends = "street.toml"\n[weather]\nrain_mm_h = 5\n')
+    (tmp_path / "wet.toml").write_text('extends = "street.toml"\n[weather]\nrain_mm_h = 5\n' + TAXI)
     parts, streets = defaultdict(set), defaultdict(set)
     for task in read_job(tmp_path, text).tasks():
         assert task.place is not None
@@ -174,6 +186,27 @@ def test_a_street_is_in_one_part(tmp_path: Path) -> None:
         streets[place].add(task.scene.street)
     assert sorted(map(sorted, parts.values())) == [["train"], ["val"]]
     assert [len(hashes) for hashes in streets.values()] == [1, 1]
+
+
+def test_traffic_makes_no_other_street(tmp_path: Path) -> None:
+    """Drives through one street with other traffic, after rain, or in another car are in one part: houses, walls and
+    posts are where they were.
+    """
+    keys = '"street.speed_m_s" = [[5, 6], [9, 13]]\n"street.wet" = [true, false]\n"bodies.own_car.scale" = [1, 1.1]\n'
+    (tmp_path / "made.toml").write_text("[street]\nlength_m = 50\nshown_m = 50\n" + SENSOR)
+    text = 'scenes = ["made.toml"]\ndataset = "kitti"\n[splits]\ntrain = 0.5\ntest = 0.5\n'
+    text += '[sweep.scene]\n"street.seed" = [1, 2]\n'
+    parts, houses = defaultdict(set), defaultdict(set)
+    for task in read_job(tmp_path, text + keys).tasks():
+        assert task.place is not None
+        seed = task.parameters["scene.street.seed"]
+        parts[seed].add(task.place.split)
+        if task.parameters["scene.bodies.own_car.scale"] == 1 and seed == 1:
+            bodies = scene_model(Path(task.scene.path), overrides=task.scene.overrides).bodies
+            fixed = [body for body in bodies if body.name.startswith(("houses", "trees", "hedges", "lamp", "sign"))]
+            houses[seed].add(str(fixed))
+    assert sorted(map(sorted, parts.values())) == [["test"], ["train"]]
+    assert [len(places) for places in houses.values()] == [1]
 
 
 # --- draws ------------------------------------------------------------------------------------------

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers import chain
-from helpers.panes import MATERIALS, both_sides, pane
 from helpers.run_seed import chosen
 
 from lidarscene.physics.optics import sunlight
@@ -67,26 +66,6 @@ def test_beams_into_the_sun(mi, off_deg):
     assert power == pytest.approx(disc + sky, rel=2e-5)
 
 
-@pytest.mark.parametrize("off_deg", [0.0, 3.0])
-def test_the_sun_through_a_pane(mi, off_deg):
-    """A pane at 30 degrees passes T of the sun's disc and of the sky; what it mirrors adds R of the sky."""
-    sun = Sun(azimuth_rad=math.radians(off_deg), elevation_rad=0.0, illuminance_klux=100.0)
-    described = chain.scene(
-        pane(10.0, 30.0),
-        chain.ball(at=(-50.0, 0.0, 0.0)),
-        materials=MATERIALS,
-        sun=sun,
-        sky=0.1,
-        air=Air(transmittance=1.0),
-    )
-    through_pane = chain.run_stages(described, chain.sensor("table1-apd", *chain.NARROW), interactions=3)
-    free = looking_at_the_sun("table1-apd", off_deg=off_deg).light.background_power_w[4]
-    sky = 0.1 * ESUN / math.pi * APERTURE_M2 * math.pi * FIELD_RAD**2 * ETA
-    mirrored = both_sides(math.cos(math.radians(30.0)))
-    assert not any(hits.has_surface[4] for hits in through_pane.ways)
-    assert through_pane.light.background_power_w[4] == pytest.approx((1.0 - mirrored) * free + mirrored * sky, rel=2e-5)
-
-
 @pytest.mark.parametrize(
     ("name", "options"),
     chosen(
@@ -112,18 +91,6 @@ def test_blinded_channels_stay_finite(mi, name, options):
     ):
         assert np.isfinite(values).all()
     assert (detection.snr == 0.0).all()
-
-
-def test_a_wall_hides_the_sun(mi):
-    light = looking_at_the_sun("table1-apd", bodies=(chain.facing(range_m=30.0),)).light
-    assert (light.background_power_w < 1e-7).all()
-
-
-def test_shade_has_the_sky_only(mi):
-    """A wall whose back is lit: rho E_sky / pi, and none of the sun."""
-    light = looking_at_the_sun("table1-apd", bodies=(chain.facing(range_m=30.0),), sky=0.2).light
-    expected = 0.1 * 0.2 * ESUN / math.pi * APERTURE_M2 * math.pi * FIELD_RAD**2 * ETA
-    np.testing.assert_allclose(light.background_power_w, expected, rtol=1e-5)
 
 
 def test_lamps_light_surfaces_and_not_the_sky(mi):

@@ -12,7 +12,6 @@ from scipy.stats import binom, norm
 from lidarscene import Simulator
 from lidarscene.detection.outcomes import Outcome
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
-from lidarscene.physics.electronics import tdc
 from lidarscene.rendering.simulator import Summary
 from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import Target
@@ -110,28 +109,6 @@ def test_share_of_crossings(name, changes, rate_hz):
     assert 0.02 < expected < 0.9
     assert (cloud.status == 1).all()
     assert agrees(len(cloud), summary.beams, expected)
-
-
-def test_correct_probability():
-    """(10): a target at the end of the window with P_d 0.5, at a low threshold so that alarms matter."""
-    tnr = 3.2
-    trial = chain.sensor("table1-apd", *MILLION, f"tdc.threshold_to_noise={tnr}")
-    range_m, _ = plane.maximum_range_m(trial, Target())
-    end_us = 2e6 * range_m / SPEED_OF_LIGHT_M_S + 0.003
-    sensor = chain.sensor(
-        "table1-apd", *MILLION, f"tdc.threshold_to_noise={tnr}", f"tdc.window_us={end_us}", "tdc.walk='none'"
-    )
-    _, summary = render_frame(chain.scene(chain.facing(range_m=range_m)), sensor)
-    right = int(summary.outcomes[Outcome.KEPT])
-    comparisons = end_us * 1e-6 * float(sensor.tdc.bandwidth_hz)
-    p_false = norm.sf(tnr)
-    expected = tdc.correct_probability(p_false=p_false, p_detect=0.5, comparisons=comparisons)
-    returned = right + summary.false_alarms
-    # The echo crosses up to 3 ns before or after its peak: half a comparison more or less, P_f in all.
-    slack = 0.6 * p_false * expected * returned
-    error = np.sqrt(returned * expected * (1.0 - expected))
-    assert 0.2 < expected < 0.9
-    assert abs(right - returned * expected) < FOUR * error + slack
 
 
 def test_a_multi_stop_converter_reports_what_alarms_hide():

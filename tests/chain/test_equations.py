@@ -5,7 +5,6 @@ Tolerance where none is said: float64 rounding, 1e-12 relative.
 
 from math import cos, exp, factorial, log, pi, sqrt
 
-import numpy as np
 import pytest
 from helpers.table_1 import (
     AVALANCHE,
@@ -208,20 +207,6 @@ def test_apd_noise_and_snr():
     assert abc == pytest.approx(snr, rel=1e-12)
 
 
-def test_the_best_gain_is_the_derived_one():
-    """The SNR, after (20), is flat at `best_gain` and not at `gain_of_equal_noise`, unless x = 2."""
-    parts = {"optical_variance_a2": 4e-20, "bulk_dark_variance_a2": 1e-21, "unmultiplied_variance_a2": 3e-16}
-    two = {"multiplied_variance_a2": 4.1e-20, "unmultiplied_variance_a2": 3e-16}
-    for index in (0.3, 1.0, 2.0):
-        best = apd.best_gain(excess_noise_index=index, **two)
-        equal = apd.gain_of_equal_noise(excess_noise_index=index, **two)
-        assert two["multiplied_variance_a2"] * equal ** (2 + index) == pytest.approx(3e-16)
-        gains = best * np.array([0.99, 1.0, 1.01])
-        snr = apd.snr_of_gain(signal_at_unit_gain_a=1.0, gain=gains, excess_noise_index=index, **parts)
-        assert snr[1] == max(snr)
-        assert best / equal == pytest.approx((2 / index) ** (1 / (2 + index)))
-
-
 def test_false_alarms_and_back():
     """(9) and its inverse, against SciPy; 2.9e-10 of `normal_tail`."""
     for ratio in (0.5, 3.0, 5.0, 9.0):
@@ -253,35 +238,3 @@ def test_closed_range_limits():
     light = (PDE * RHO * A / ESUN) ** 0.25 * (PT * FWHM * F / (TNR * RPD)) ** 0.5 / DEAD**0.25
     assert printed == pytest.approx(OPTICS * light, rel=1e-12)
     assert range_limit.maximum_range_sipm_m(*light_in, **for_sipm) == pytest.approx(printed * sqrt(CS), rel=1e-12)
-
-
-def test_derived_limits_solve_the_background_limited_snr():
-    """(29) derived: (19) with background shot noise only is TNR there; (30): (28) is."""
-    reach = range_limit.maximum_range_apd_m(
-        *plane_and_receiver(), quantum_efficiency=QE, excess_noise=FM, bandwidth_hz=BW
-    )
-    echo = P_R * (R / reach) ** 2
-    assert K_PD * M * echo / sqrt(2 * e * K_PD * P_RS * M**2 * FM * BW) == pytest.approx(TNR, rel=1e-12)
-    reach = range_limit.maximum_range_sipm_m(*plane_and_receiver(), pulse_fwhm_s=FWHM, pde=PDE, dead_time_s=DEAD)
-    signal = N_SP * (R / reach) ** 2
-    snr = sipm.snr_approximate(signal_photons=signal, background_photons=N_BP, pde=PDE)
-    assert snr == pytest.approx(TNR, rel=1e-12)
-
-
-def test_the_appendix_sums():
-    """(S4) is the sum of (S3), which is (S1) times one minus (S2)."""
-    counts = np.arange(400.0)
-    joint = ref_sipm.fired_joint_probability_published(photons=counts, mean_photons=150.0, **CELLS)
-    assert joint.sum() == pytest.approx(sipm.fired_share_published(photons=150.0, **CELLS), rel=1e-9)
-
-
-def test_through_the_aperture():
-    """(5) is (3) through (4), and (8) is (6) and (7) through (4), at any range and incidence."""
-    for range_m, theta in ((3.0, 0.2), (300.0, 1.2)):
-        spread = radiometry.aperture_solid_angle_sr(aperture_m2=A, range_m=range_m)
-        seen_area_m2 = ref_optics.field_of_view_area_m2(
-            range_m=range_m, detector_radius_m=RPD, focal_length_m=F, cos_incidence=cos(theta)
-        )
-        flux = ref_optics.sun_flux_w(sun_irradiance_w_m2=ESUN, seen_area_m2=seen_area_m2, cos_sun=CS)
-        intensity = ref_optics.sun_intensity_w_sr(sun_flux_w=flux, reflectivity=RHO, cos_incidence=cos(theta))
-        assert ETA_RS * TAU * intensity * spread == pytest.approx(P_RS, rel=1e-12)

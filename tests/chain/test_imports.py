@@ -172,13 +172,7 @@ def test_imports_point_downwards() -> None:
         ("light/beams.py", "from lidarscene import cli", "must not import 'cli'"),
         ("light/beams.py", "from .. import cli", "must not import 'cli'"),
         ("light/beams.py", "import importlib\nimportlib.import_module('lidarscene.cli.main')", "not import 'cli'"),
-        ("light/beams.py", "__import__('lidarscene.kernel')", "must not import 'kernel'"),
         ("light/beams.py", "import_module(f'lidarscene.formats.{name}')", "must not import 'formats'"),
-        (
-            "light/beams.py",
-            "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from ..cloud.point_cloud import P",
-            "must not import 'cloud'",
-        ),
         ("labels/boxes.py", "from ..rendering.frame import f", "'labels' must not import 'rendering'"),
         ("physics/optics/beam.py", "from ...kernel.device import backend", "must not import 'kernel'"),
         ("physics/__init__.py", "from ..light.beams import Beams", "must not import 'light'"),

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from helpers import chain
 from helpers.mistakes import told
-from helpers.traffic import SENSOR, direction, frozen, moving, traffic
+from helpers.traffic import SENSOR, direction, frozen, traffic
 
-from lidarscene.cloud.deskew import deskewed
 from lidarscene.maths.pose import Pose
-from lidarscene.maths.trajectory import Course, Riding, States, pose_at
+from lidarscene.maths.trajectory import Riding, States, pose_at
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scan import Pattern
 
@@ -54,83 +53,6 @@ def test_hits_are_those_of_a_scene_rebuilt_for_each_pulse() -> None:
         assert rebuilt.incidence_angle_rad[0] == pytest.approx(cloud.incidence_angle_rad[point], abs=1e-4)
         assert rebuilt.sun_angle_rad[0] == pytest.approx(cloud.sun_angle_rad[point], abs=1e-4)
         assert rebuilt.in_shadow[0] == cloud.in_shadow[point]
-
-
-def test_a_moving_body_that_stands_still_is_a_still_body() -> None:
-    """Traced in its own frame instead of the world's: the same points. Tolerance: single precision at 50 m."""
-    scene, sensor = frozen(traffic(), 0.2), chain.sensor("table1-apd", *SENSOR)
-    standing = [dataclasses.replace(body, motion=Course(start=body.pose)) for body in scene.bodies]
-    expected = Simulator(scene, sensor).render(seed=3)
-    cloud = Simulator(dataclasses.replace(scene, bodies=tuple(standing)), sensor).render(seed=3)
-    expected, cloud = (unfiltered.select(unfiltered.status == 0) for unfiltered in (expected, cloud))
-    # A beam that grazes an edge may fall to the other side of it: fewer than one in a thousand.
-    in_both = np.isin(cloud.time_s, expected.time_s)
-    assert in_both.mean() > 0.999
-    still = expected.select(np.searchsorted(expected.time_s, cloud.time_s[in_both]))
-    moving = cloud.select(in_both)
-    agree = (moving.body == still.body) & (np.abs(moving.true_range_m - still.true_range_m) < 1e-4)
-    assert agree.mean() > 0.999
-    assert (moving.in_shadow == still.in_shadow).mean() > 0.999
-    assert np.all(moving.radial_velocity_m_s == 0.0)
-
-
-def test_a_plane_that_comes_nearer() -> None:
-    """x(t) = 40 m - 30 m/s t: each beam at its own time meets it at x(t) / (d . x)."""
-    plane = moving(
-        chain.facing(range_m=40.0, size_m=200.0),
-        "plane",
-        Course(start=chain.facing(range_m=40.0).pose, velocity_m_s=(-30.0, 0.0, 0.0)),
-    )
-    cloud = Simulator(chain.scene(plane), chain.sensor("table1-apd", *SENSOR)).render(seed=4)
-    ahead = np.cos(cloud.elevation_rad) * np.cos(cloud.azimuth_rad)
-    distance = 40.0 - 30.0 * cloud.time_s
-    assert len(cloud) > 10_000
-    assert distance.min() < 35.0  # it moves while it is scanned
-    # Tables are exact for a straight line; single precision at 60 m over ten operations.
-    np.testing.assert_allclose(cloud.true_range_m, distance / ahead, atol=1e-4)
-    np.testing.assert_allclose(cloud.radial_velocity_m_s, -30.0 * ahead, atol=1e-4)
-
-
-def test_a_sensor_that_drives_towards_a_wall() -> None:
-    """Raw points lie on x = 40 m + (vehicle's way), deskewed ones on x = 40 m; the wall seems to come at 30 m/s."""
-    scene = dataclasses.replace(chain.scene(chain.facing(range_m=40.0, size_m=200.0)), ego=Course(speed_m_s=30.0))
-    simulator = Simulator(scene, chain.sensor("table1-apd", *SENSOR))
-    cloud = simulator.render(seed=4)
-    cloud = cloud.select(cloud.status == 0)
-    noise = cloud.range_m - cloud.true_range_m
-    ahead = np.cos(cloud.elevation_rad) * np.cos(cloud.azimuth_rad)
-    np.testing.assert_allclose(cloud.xyz_m[:, 0], 40.0 - 30.0 * cloud.time_s + noise * ahead, atol=2e-4)
-    np.testing.assert_allclose(deskewed(cloud, simulator.motion).xyz_m[:, 0], 40.0 + noise * ahead, atol=2e-4)
-    np.testing.assert_allclose(cloud.radial_velocity_m_s, -30.0 * ahead, atol=1e-4)
-
-
-def test_a_car_that_crosses_is_sheared() -> None:
-    """A board across the x axis moves along y at 12 m/s while rows follow each other from the top down: each row
-    sees its edges where they are then, so y of the left edge is 12 m/s times the row's time.
-
-    Rationale: at four sigma false alarms took beams at an edge, and five frames of 300 failed; at nine there is none.
-    """
-    board = moving(
-        chain.facing(range_m=30.0, size_m=6.0),
-        "board",
-        Course(start=chain.facing(range_m=30.0).pose, velocity_m_s=(0.0, 12.0, 0.0)),
-    )
-    sensor = chain.sensor("table1-apd", *SENSOR, "tdc.threshold_to_noise=9")
-    cloud = Simulator(chain.scene(board), sensor).render(seed=5)
-    cloud = cloud.select(cloud.status == 0)
-    rows = np.unique(cloud.channel)
-    assert len(rows) > 20
-    y_m = cloud.true_range_m * direction(cloud)[:, 1]  # without the noise of the range
-    step = 30.0 * np.radians(0.4) * 1.05  # from beam to beam on the board, at 12 degrees at most
-    for row in rows:
-        in_row = cloud.channel == row
-        centre = 12.0 * cloud.time_s[in_row].mean()
-        # Each edge is known to one beam, and moves by less than a beam while its row is scanned.
-        assert y_m[in_row].max() == pytest.approx(centre + 3.0, abs=step + 0.15)
-        assert y_m[in_row].min() == pytest.approx(centre - 3.0, abs=step + 0.15)
-    # The board crosses: seen along the beam it moves with v sin(azimuth) cos(elevation).
-    across = np.cos(cloud.elevation_rad) * np.sin(cloud.azimuth_rad)
-    np.testing.assert_allclose(cloud.radial_velocity_m_s, 12.0 * across, atol=1e-4)
 
 
 def test_radial_velocity_is_that_of_the_point_that_was_hit() -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import chain
-from helpers.documentation import says
 from scipy.optimize import brentq
 
 from lidarscene import Simulator, load_scene
@@ -68,7 +67,6 @@ def test_two_lenses_are_blind_up_close(clouds):
     assert two_lenses[:7] == [0] * 7
     assert 0 < two_lenses[7] <= one_lens[7]
     assert two_lenses[8:] == one_lens[8:]
-    says("gallery.md", "so below {} m nothing of the spot", BLIND_M)
 
 
 def test_what_reaches_the_detector_grows_as_rays_through_the_lens_have_it(lanes):

@@ -7,9 +7,7 @@ import pytest
 from helpers import chain, photons, trains
 from helpers.run_seed import chosen
 
-from lidarscene.detection import receiver
 from lidarscene.detection.outcomes import Status
-from lidarscene.kernel.device import transfer
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.scene import Air
 from lidarscene.scene.weather import Weather
@@ -25,17 +23,6 @@ def scene(**options):
     )
 
 
-def detect_on_device(counter, light, *, seed):
-    """Detection of boards by Dr.Jit, as NumPy arrays; `photons.detect` is its NumPy twin."""
-    names = ("range_m", "peak_power_w", "background_power_w")
-    arrays = {name: transfer.from_numpy(getattr(light, name)) for name in names}
-    on_device = dataclasses.replace(light, has_surface=arrays["range_m"] > 0.0, **arrays)
-    pulse = transfer.counter(0, len(light.range_m))
-    return transfer.fetch(
-        receiver.detect(on_device, transfer.opaque(counter), seed=transfer.seed_word(seed), pulse=pulse)
-    )
-
-
 def test_numpy_and_device_agree():
     """6,000 boards from 10 to 60 m. Single precision moves counts at the edge of a uniform number: 1 % of the points
     may be others, and ranges differ by 1 mm where the same bins were counted.
@@ -45,7 +32,7 @@ def test_numpy_and_device_agree():
     light.range_m[:] = np.linspace(10.0, 60.0, 6_000)
     light.peak_power_w[:] *= (20.0 / light.range_m) ** 2
     host = photons.detect(light, counter, seed=4)
-    device = detect_on_device(counter, light, seed=4)
+    device = trains.detect_on_device(light, counter, seed=4)
     assert 0.2 < photons.echo_of(host.stops[0]).mean() < 1.0
     np.testing.assert_allclose(host.snr, device.snr, rtol=1e-3)
     np.testing.assert_allclose(host.detection_probability, device.detection_probability, atol=2e-3)
@@ -62,7 +49,7 @@ def test_many_spads_together_in_the_dark_have_a_signal_to_noise_ratio():
     counter = photons.sensor("detector.spads=16", "detector.coincidence=8")
     light = photons.echoes_of(counter, 20.0, count=32, illuminance_klux=0.0)
     light.peak_power_w[::2] = 0.0
-    device = detect_on_device(counter, light, seed=1)
+    device = trains.detect_on_device(light, counter, seed=1)
     assert (device.snr[::2] == 0.0).all()
     assert np.isfinite(device.snr).all()
     assert (device.snr[1::2] > 0.0).all()
@@ -80,7 +67,7 @@ def test_spads_that_come_back_are_found_on_the_device_too():
     light.background_power_w[:] = 27.5e6 / float(dark.per_watt)
     light.peak_power_w[:] = 5.0 / float(dark.detections(1.0))
     host = photons.detect(light, counter, seed=4)
-    device = detect_on_device(counter, light, seed=4)
+    device = trains.detect_on_device(light, counter, seed=4)
     ours, theirs = (
         np.any([stop.reported & (stop.status == Status.REVIVED) for stop in detection.stops], axis=0)
         for detection in (host, device)
@@ -98,20 +85,7 @@ def test_echoes_on_flanks_are_those_of_numpy():
     range_m = 25.0 + np.stack([np.zeros(1_000), np.linspace(0.4, 2.0, 1_000)], axis=1)
     light = trains.train(range_m, np.tile(power_w, (1_000, 1)), background_w=1e-12)
     host = photons.detect(light, counter, seed=4)
-    (part,) = light.parts
-    moved = {name: transfer.from_numpy(getattr(part, name)) for name in ("range_m", "peak_power_w")}
-    background_w = transfer.from_numpy(light.background_power_w)
-    on_device = dataclasses.replace(
-        light,
-        parts=(dataclasses.replace(part, **moved),),
-        has_surface=background_w > 0.0,
-        background_power_w=background_w,
-    )
-    device = transfer.fetch(
-        receiver.detect(
-            on_device, transfer.opaque(counter), seed=transfer.seed_word(4), pulse=transfer.counter(0, 1_000)
-        )
-    )
+    device = trains.detect_on_device(light, counter, seed=4)
     both = photons.echo_of(host.stops[1])
     assert 0.5 < both.mean() < 0.9
     same = both == photons.echo_of(device.stops[1])

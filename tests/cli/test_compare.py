@@ -20,9 +20,7 @@ from lidarscene import PointCloud, load_sensor
 from lidarscene.cli import main
 from lidarscene.cloud.shades import rgb
 from lidarscene.studies.compare import comparison_files
-from lidarscene.studies.compare.comparison_report import Comparison, verdict
 from lidarscene.studies.compare.comparison_study import aliasing_notes
-from lidarscene.studies.compare.observations import Observation, Surfaces
 
 PAIR = ("--sensors", "table1-apd,table1-sipm")
 WEAK = (*COARSE, "--set=laser.peak_power_w=0.05")
@@ -102,54 +100,6 @@ def test_both_clouds_have_one_scale(monkeypatch: pytest.MonkeyPatch, tmp_path: P
     assert [name for name, _ in scales] == ["snr", "snr"]
     assert scales[0] == scales[1]
     assert scales[0][1] == pytest.approx(np.percentile(np.concatenate([weak.snr, strong.snr]), (1, 99)))
-
-
-@pytest.mark.parametrize(
-    ("counts_found", "sentence"),
-    [
-        ((90, 60), "a detects most, 90.00 % of the pulses, 30 percentage points more; b 60.00 %."),
-        ((60, 60), "a and b detect equally many of the pulses, within chance: a 60.00 %, b 60.00 %."),
-        ((50, 60), "b detects most, 60.00 % of the pulses, 10 percentage points more; a 50.00 %."),
-    ],
-)
-def test_verdict_by_hand(counts_found: tuple[int, int], sentence: str) -> None:
-    """Each has 100 pulses, the same for both; all that the worse one finds the better one finds too.
-
-    95 %: ten of a hundred found by one alone are no chance, none are.
-    """
-    empty = street(step_deg=4.0).select([])
-    observed = tuple(
-        Observation(
-            name=name,
-            cloud=empty,
-            pulse=np.zeros(0, np.int64),
-            pulses_fired=100,
-            losses={},
-            surfaces=Surfaces(
-                pulse=np.arange(100),
-                detected=np.arange(100) < count,
-                snr=np.ones(100),
-                true_range_m=np.ones(100),
-                incidence_angle_rad=np.ones(100),
-                reflectivity=np.ones(100),
-                body=np.zeros(100, np.int32),
-                class_id=np.zeros(100, np.int32),
-                probability=None,
-                tripped=None,
-            ),
-        )
-        for name, count in zip("ab", counts_found, strict=True)
-    )
-    comparison = Comparison(
-        title="",
-        observations=observed,
-        sensors=(None, None),
-        groups=(),
-        matched=True,
-        population="the pulses",
-        notes=(),
-    )
-    assert verdict(comparison) == sentence
 
 
 def test_page_needs_no_other_file(folder: Path) -> None:

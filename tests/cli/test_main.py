@@ -65,13 +65,6 @@ def test_help(run: Run, command: str) -> None:
     assert printed.startswith(f"usage: lidarscene {command}".rstrip())
 
 
-def test_help_of_render_tells_every_option(run: Run) -> None:
-    help_text = run("render", "-h").out
-    options = "-o --sensor --set --seed --pose --chunk --coordinates --no-truth --keep-missed --json --picture --ascii"
-    assert [option for option in options.split() if option not in help_text] == []
-    assert "lidarscene render car -o out/car.ply" in help_text
-
-
 @pytest.mark.parametrize(("words", "option"), [(["help", "schema"], ["schema", "-h"]), (["help"], ["-h"])])
 def test_help_is_a_command_too(run: Run, words: list[str], option: list[str]) -> None:
     assert run(*words) == run(*option)
@@ -208,14 +201,6 @@ def test_missed_pulses_and_echoes_are_all_pulses(run: Run, wall: str, mi: Module
     )
     np.testing.assert_array_equal(missed["channel"], missed["pulse"] // 81)
     np.testing.assert_allclose(missed["time_s"], missed["pulse"] / 50e3, rtol=1e-12)
-
-
-def test_chunk_changes_nothing_and_seed_does(run: Run, wall: str, mi: ModuleType) -> None:
-    for name, argv in (("a", ()), ("b", ("--chunk", "100")), ("c", ("--seed", "1"))):
-        render(run, wall, *HARD, "--keep-missed", f"{name}.npz", *argv, output=f"{name}.ply")
-    assert Path("a.ply").read_bytes() == Path("b.ply").read_bytes()
-    assert Path("a.npz").read_bytes() == Path("b.npz").read_bytes()
-    assert Path("a.ply").read_bytes() != Path("c.ply").read_bytes()
 
 
 def test_ascii_and_no_truth(run: Run, wall: str, mi: ModuleType) -> None:

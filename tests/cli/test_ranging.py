@@ -115,12 +115,6 @@ def test_fixed_threshold_has_no_closed_form(run: Run, tmp_path: Path) -> None:
 # --- sweeps -----------------------------------------------------------------------------------------
 
 
-def test_crossing_of_table_1(run: Run) -> None:
-    out = range_text(run, APD, SIPM, "--over", "illuminance_klux", "--probability", "0.5")
-    assert "crossing at 3.22191 klux: table1-apd rises above table1-sipm, 722.14 m" in out
-    assert "table1-apd: its window ends at 599.6 m" in out
-
-
 def test_range_from_the_snr(run: Run) -> None:
     half = ("--over", "distance", "--probability", "0.5")
     out = range_text(run, APD, SIPM, *half)
@@ -172,32 +166,6 @@ def test_csv_holds_what_is_printed_as_json(run: Run, tmp_path: Path) -> None:
     assert values[1:, 1] == pytest.approx(curve["values"][1:], rel=1e-9)
 
 
-def test_sensors_of_one_name_are_told_apart(run: Run, tmp_path: Path) -> None:
-    text = catalog.path_of("sensors", APD).read_text("utf-8")
-    (tmp_path / "mine.toml").write_text(text.replace("gain = 80", "gain = 30.87"))
-    range_text(run, APD, "mine.toml", APD, "--over", "illuminance_klux", "--csv", "o.csv", "--n", "5")
-    header, values = table(tmp_path / "o.csv")
-    assert header == ["illuminance_klux", APD, "table1-apd (2)", "table1-apd (3)"]
-    assert (values[:, 1] == values[:, 3]).all()
-    assert values[-1, 2] > values[-1, 1]
-
-
-def test_whole_parameters_have_whole_steps(run: Run, tmp_path: Path) -> None:
-    range_text(
-        run, SIPM, "--over", "detector.cells", "--csv", "o.csv", "--from", "1", "--to", "20", "--scale", "linear"
-    )
-    _, values = table(tmp_path / "o.csv")
-    assert list(values[:, 0]) == list(range(1, 21))
-    assert values[0, 1] == 0.0
-
-
-def test_quantities(run: Run) -> None:
-    snr = range_json(run, APD, "--over", "detector.gain", "--quantity", "snr", "--from", "20", "--to", "80", "--n", "2")
-    assert snr["sensors"][APD]["values"][1] == pytest.approx(61.4618, rel=1e-5)
-    pd = range_json(run, APD, "--over detector.gain --quantity pd --distance 350.604565 --from 20 --to 80 --n 2")
-    assert pd["sensors"][APD]["values"][1] == pytest.approx(0.5, abs=1e-6)
-
-
 def test_aperture_law(run: Run) -> None:
     flat = range_text(run, APD, "--over", "elevation")
     assert "the same everywhere, elevation does not matter" in flat
@@ -210,12 +178,6 @@ def test_aperture_law(run: Run) -> None:
     low, middle, high = edges["sensors"][APD]["values"]
     assert low > middle == pytest.approx(350.605, rel=1e-5)
     assert high < middle
-
-
-def test_plots_are_the_same_again(run: Run, rough_charts: None, tmp_path: Path) -> None:
-    for name in ("a.svg", "b.svg"):
-        range_text(run, APD, "--over", "distance", "--plot", name)
-    assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
 
 
 def test_extreme_plots_do_not_fail(run: Run) -> None:

@@ -15,7 +15,6 @@ from helpers.child import assert_ended
 from helpers.clouds import NAMES, assert_same, chunk_of, small_cloud, small_columns
 from helpers.mistakes import calls, told
 
-import lidarscene
 from lidarscene.cloud import interop
 from lidarscene.cloud.builder import CloudBuilder
 from lidarscene.cloud.point_cloud import PointCloud
@@ -126,14 +125,6 @@ def test_sensor_position() -> None:
     assert small_cloud().sensor_position_m.tolist() == [0, 0, 0]
     world = {"frame": "world", "sensor_position_m": "1 -2.5 3e2"}
     assert small_cloud(metadata=world).sensor_position_m.tolist() == [1, -2.5, 300]
-
-
-def test_column_by_name() -> None:
-    cloud = small_cloud()
-    assert cloud.column("y") is not None
-    np.testing.assert_array_equal(cloud.column("y"), cloud.xyz_m[:, 1])
-    assert cloud.column("class") is cloud.class_id
-    assert cloud.column("range") is cloud.range_m
 
 
 def test_without_truth() -> None:
@@ -429,9 +420,3 @@ def test_a_range_image_and_a_plot(tmp_path: Path) -> None:
     picture.save(tmp_path / "a.png")
     assert (tmp_path / "a.png").read_bytes() == picture._repr_png_()
     assert picture.png.startswith(b"\x89PNG")
-
-
-def test_load_is_the_cloud_of_a_file(tmp_path: Path) -> None:
-    cloud = small_cloud(3)
-    cloud.save(tmp_path / "a.ply")
-    assert_same(lidarscene.load_cloud(tmp_path / "a.ply"), cloud)

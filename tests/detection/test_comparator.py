@@ -10,12 +10,9 @@ from scipy.integrate import quad
 from scipy.stats import norm
 
 from lidarscene import Simulator, Status
-from lidarscene.detection import comparator
-from lidarscene.detection.shots import Shots
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.electronics import tdc
 from lidarscene.physics.optics import pulse
-from lidarscene.physics.reference import electronics as reference_electronics
 from lidarscene.physics.reference import optics as reference_optics
 from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import Target
@@ -166,38 +163,6 @@ def test_strong_pulses_have_the_jitter_of_their_channel(more):
         assert np.sqrt(added) == pytest.approx(jitter_ps * 1e-12 * HALF_C, rel=0.06)
 
 
-@pytest.mark.parametrize("overdrive", [0.4, 0.9, 3.0, 40.0])
-def test_width_of_a_clipped_pulse_by_a_fine_march(overdrive):
-    """What the comparator times of a pulse that clips, against the time that v(t) of the amplifier is above it.
-
-    Tolerance: two steps of the march, and 0.5 % for the edges' noise at a threshold of 1,000 deviations.
-
-    Args:
-        overdrive: peak over the level where it clips
-    """
-    sensor = chain.sensor(
-        "table1-apd", "tdc.threshold_to_noise=1000", "detector.saturation_ua=600", "detector.recovery_ns=25"
-    )
-    light = plane.echoes_of_plane(sensor, Target(), 50.0)
-    point = sensor.working_point(light.background_power_w)
-    point = dataclasses.replace(point, noise=dataclasses.replace(point.noise, kappa_1=0.0, kappa_2=0.0))
-    level, clips = (float(np.ravel(array)[0]) for array in (sensor.threshold(point), point.response.saturation))
-    peak = np.array([overdrive * clips])
-    assert clips > 3.0 * level
-    shots = Shots(sensor=sensor, point=point, threshold=level, seed=1, pulse=np.zeros(1, np.uint32))
-    power_w = point.response.power_w(peak)
-    trip = comparator.trip(shots, power_w)
-    early_s = pulse.leading_edge_time_s(level=level / peak, fwhm_s=FWHM_S)
-    width_s = comparator.width_s(shots, trip, peak_power_w=power_w, early_s=early_s)
-    time_s = np.linspace(-30e-9, 300e-9, 330_001)
-    waveform = reference_electronics.clipped_waveform(
-        time_s=time_s, signal=peak, saturation=np.array([clips]), fwhm_s=FWHM_S, recovery_s=25e-9
-    )
-    above = np.flatnonzero(waveform >= level)
-    marched_s = time_s[above[-1]] - time_s[above[0]]
-    assert width_s[0] == pytest.approx(marched_s, rel=5e-3, abs=2e-12)
-
-
 def lone_echoes(equipped, snr, *, range_m=50.0, count=4000, seed=3):
     """First returns of echoes of this SNR."""
     light = trains.train(np.full((count, 1), range_m), np.full((count, 1), trains.power_at_snr(equipped, snr)))
@@ -212,15 +177,6 @@ def test_counted_cells_and_gaussian_noise_trip_by_one_deviate():
     )
     assert 0.3 < gaussian.mean() < 0.7
     assert np.mean(counted != gaussian) < 0.1
-
-
-def test_an_amplifier_that_clips_below_the_threshold_trips_nothing():
-    """However strong the echo is: the output never gets there."""
-    point = chain.sensor("table1-apd").working_point(np.array([trains.BACKGROUND_W]))
-    level_ua = 1e6 * 40.0 * float(point.noise.deviation[0])
-    for clips_ua, reported in ((0.9 * level_ua, False), (1.1 * level_ua, True)):
-        equipped = chain.sensor("table1-apd", "tdc.threshold_to_noise=40", f"detector.saturation_ua={clips_ua!r}")
-        assert lone_echoes(equipped, 4000.0, count=20).reported.all() == reported
 
 
 def test_no_time_is_before_the_pulse():

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import chain, trains
+from helpers import chain, photons, trains
 from helpers.mistakes import told
 from helpers.trains import detect
+from scipy.constants import c, h
 from scipy.stats import ks_2samp, kstest, norm, spearmanr
 
 from lidarscene.detection.outcomes import Outcome, Status
@@ -61,6 +62,28 @@ def test_false_points_of_one_stop(name):
     expected = 1.0 - np.exp(-1e5 * q * sensor.tdc.window_s)
     share = count_stops(detect_shots(sensor, light), Status.INTERFERENCE) / SHOTS
     assert abs(share - expected) < SIGMAS * np.sqrt(expected / SHOTS) + 5e-4
+
+
+@pytest.mark.parametrize(("floor", "keep"), [(10.0, "first"), (10.0, "strongest"), (17.0, "first")])
+def test_a_pulse_arrives_in_one_of_the_shots_that_are_summed(floor, keep):
+    """Reference: 20 windows of 16 SPADs each; numpy's own log-normal peaks fire 16 (1 - exp(-Lambda)) of them, Lambda
+    detectable photons each, and do so in one window. Of 17 counts none are capable. In the dark.
+    """
+    sensor = photons.sensor(
+        "histogram.shots=20 detector.spads=16 detector.dark_count_rate_hz=0 histogram.threshold_slope=0",
+        f"histogram.threshold_floor={floor} histogram.keep='{keep}'",
+    )
+    light = light_among_lidars(sensor, lidar(2e4))
+    light = replace(light, background_power_w=np.zeros(SHOTS))
+    peaks_w = MEDIAN_W * 10.0 ** (0.1 * SPREAD_DB * np.random.default_rng(2).normal(size=10**6))
+    energy_j = peaks_w * 4e-9 * np.sqrt(np.pi / (4.0 * np.log(2.0)))
+    fired = -np.expm1(-energy_j / (h * c / 905e-9) * 0.2 / 16)
+    q = np.mean(16 * fired >= floor)
+    stop = detect_shots(sensor, light).stops[0]
+    theirs = stop.reported & (stop.status == Status.INTERFERENCE)
+    expected = -np.expm1(-20 * 2e4 * q * sensor.tdc.window_s)
+    assert abs(theirs.mean() - expected) <= SIGMAS * np.sqrt(expected / SHOTS)
+    assert (stop.amplitude[theirs] < 16.01).all()
 
 
 def test_peaks_are_the_tail_of_theirs():

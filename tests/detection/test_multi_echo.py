@@ -167,24 +167,6 @@ def test_two_boards_merge_or_separate(separation, share):
             assert stop.source[0] == source
 
 
-def test_a_dip_needs_two_sigma():
-    """Just below 2 sigma there is one peak, just above there are two, which the search may still take for one."""
-    for separation, peaks in ((1.99, 1), (2.2, 2)):
-        place = np.linspace(-1.0, separation + 1.0, 200_001)
-        value, slope, _ = pulse_sums.sum_of_pulses(place=place, centres=[0.0, separation], heights=[1.0, 1.0])
-        assert np.count_nonzero((slope[:-1] > 0.0) & (slope[1:] <= 0.0)) == peaks
-        assert value.max() == pytest.approx(np.interp(place[np.argmax(value)], place, value))
-
-
-def test_derivatives_of_the_sum():
-    place = np.linspace(-3.0, 6.0, 91)
-    centres, heights = [0.0, 0.7, 3.1], [1.0, 0.2, 2.0]
-    sums = [pulse_sums.sum_of_pulses(place=place + h, centres=centres, heights=heights) for h in (-1e-4, 0.0, 1e-4)]
-    # Central differences: their error is h^2 / 6 times a third derivative of some ten, and rounding over h.
-    np.testing.assert_allclose(sums[1][1], (sums[2][0] - sums[0][0]) / 2e-4, atol=1e-7)
-    np.testing.assert_allclose(sums[1][2], (sums[2][1] - sums[0][1]) / 2e-4, atol=1e-7)
-
-
 def test_energy_is_conserved():
     """The waveform's integral is the sum of the pulses' energies, wherever they are (a sum over steps of sigma / 5
     of Gaussians is exact to rounding).

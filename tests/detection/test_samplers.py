@@ -118,23 +118,6 @@ def test_walk_that_the_amplitude_tells(name, road):
     np.testing.assert_allclose(range_m - raw_m, HALF_C * SIGMA_S * np.sqrt(2.0 * np.log(ratio)), rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["table1-apd", "table1-sipm"])
-def test_levels_know_width_amplitude_and_walk(name):
-    """Far above the noise: the width over the threshold is 2 sigma_p sqrt(2 ln(P / P_U)), the middle of it the peak,
-    whatever the height: the walk error is gone. Means over 20 000 shots, to five of their deviations and 1 %.
-    """
-    quiet = [f"detector.circuit_noise_na={1e3}"] if name == "table1-apd" else []
-    for snr in (15.0, 30.0):
-        error, amplitude, width = readings(snr, *quiet, *LEVELS, "tdc.threshold_to_noise=6", name=name)
-        equipped = sensor(name, *quiet, "tdc.threshold_to_noise=6")
-        point = equipped.working_point(np.array([trains.BACKGROUND_W]))
-        ratio = trains.power_at_snr(equipped, snr) / float(point.response.power_w(equipped.threshold(point))[0])
-        expected_s = 2.0 * SIGMA_S * math.sqrt(2.0 * math.log(ratio))
-        assert width.mean() == pytest.approx(expected_s, abs=5.0 * width.std() / math.sqrt(SHOTS) + 0.01 * expected_s)
-        assert abs(error.mean()) < 5.0 * error.std() / math.sqrt(SHOTS)
-        assert amplitude.mean() == pytest.approx(1.0, abs=0.02)
-
-
 def test_levels_tell_a_broad_echo_from_a_tall_one():
     """A surface that leans over 3 m: the width says so, and the middle is still its middle.
 

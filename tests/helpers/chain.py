@@ -1,6 +1,5 @@
 """The chain by hand, every lane kept: what the tests look at between the stages."""
 
-import dataclasses
 import math
 import re
 from collections.abc import Sequence
@@ -17,7 +16,6 @@ from lidarscene.kernel.world.mitsuba_world import World, build_world
 from lidarscene.light import beams, echoes
 from lidarscene.light.footprint import aim, footprint
 from lidarscene.materials.material import Material, Spectrum
-from lidarscene.maths.arrays import flatten, is_drjit
 from lidarscene.maths.pose import Pose
 from lidarscene.rendering.stages import ambient_of
 from lidarscene.scene.meshes.primitives import box_mesh, plane_mesh
@@ -169,31 +167,6 @@ def run_stages(
     light = echoes.gather_background(light_of_ways)[0]
     detection = receiver.detect(light, on_device, seed=transfer.seed_word(seed), pulse=pulse)
     # In one kernel: each array alone would take one of its own, with all that comes before it.
-    transfer.start(
-        [x for x in flatten((rays.direction, tuple(ways), tuple(light_of_ways), light, detection)) if is_drjit(x)]
-    )
-    direction = np.stack([np.array(x.numpy()) for x in flatten(rays.direction)], axis=1)
-    return Lanes(
-        direction,
-        to_numpy(ways[0]),
-        to_numpy(light),
-        to_numpy(detection),
-        [to_numpy(way) for way in ways],
-        [to_numpy(way) for way in light_of_ways],
-    )
-
-
-def to_numpy(stage: Any) -> Any:
-    """A stage's arrays as numpy, computed together."""
-    transfer.start([x for x in flatten(stage) if is_drjit(x)])
-
-    def fetch(value: Any) -> Any:
-        if dataclasses.is_dataclass(value) and not isinstance(value, type):
-            return dataclasses.replace(
-                value, **{f.name: fetch(getattr(value, f.name)) for f in dataclasses.fields(value)}
-            )
-        if isinstance(value, tuple):
-            return tuple(fetch(inner) for inner in value)
-        return np.array(value.numpy()) if hasattr(value, "numpy") else value
-
-    return fetch(stage)
+    stages = (rays.direction, tuple(ways), tuple(light_of_ways), light, detection)
+    direction, ways, light_of_ways, light, detection = transfer.fetch(stages)
+    return Lanes(np.stack(direction, axis=1), ways[0], light, detection, ways, light_of_ways)

@@ -229,8 +229,3 @@ def table(page: str, header: str) -> list[list[str]]:
 def numbers(cell: str) -> list[str]:
     """The numbers in a cell, without those of names in code."""
     return NUMBER.findall(re.sub(r"`[^`]*`", "", cell))
-
-
-def row_says(row: Sequence[str], *computed: Any) -> None:
-    """All numbers of a row of a table, from the left to the right, are the computed ones."""
-    compare(" | ".join(row), [number for cell in row for number in numbers(cell)], computed)

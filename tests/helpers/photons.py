@@ -1,5 +1,6 @@
 """Receivers that count photons: sensors for tests, and photons that arrive one by one, simulated apart."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -73,46 +74,6 @@ def echo_of(stop: Any) -> Numbers:
     return is_echo
 
 
-def firing_times(arrivals: Numbers, dead_time: float) -> Numbers:
-    """Times at which SPADs fire, from the sorted arrivals of each shot, (shots, photons) with inf for none.
-
-    Photon by photon: one is seen if the last that was seen lies a dead time back.
-    """
-    last = np.full(len(arrivals), -np.inf)
-    firing_s = np.full(arrivals.shape, np.inf)
-    for k in range(arrivals.shape[1]):
-        arrival = arrivals[:, k]
-        fires = (arrival - last >= dead_time) & np.isfinite(arrival)
-        firing_s[fires, k] = arrival[fires]
-        last = np.where(fires, arrival, last)
-    return firing_s
-
-
-def arrivals(
-    rng: np.random.Generator,
-    shots: int,
-    *,
-    rate_per_ns: float,
-    start: float,
-    end: float,
-    echo: tuple[float, float, float] = (0.0, 0.0, 1.0),
-) -> Numbers:
-    """(shots, photons) sorted times [ns] of Poisson arrivals: even background, and an echo (mean, place, sigma)."""
-    mean, place, sigma = echo
-    background, echo_photons = rng.poisson(rate_per_ns * (end - start), shots), rng.poisson(mean, shots)
-    room = int((background + echo_photons).max())
-    index = np.arange(room)
-    times = np.where(index < background[:, None], rng.uniform(start, end, (shots, room)), np.inf)
-    of_echo = (index >= background[:, None]) & (index < (background + echo_photons)[:, None])
-    times = np.where(of_echo, rng.normal(place, sigma, (shots, room)), times)
-    return np.sort(times, axis=1)
-
-
-def histogram(times: Numbers, *, bins: int, bin_ns: float) -> Numbers:
-    """(bins,) counts of all shots, from time 0 on."""
-    return np.histogram(times[np.isfinite(times)], bins=bins, range=(0.0, bins * bin_ns))[0]
-
-
 def renewal_counts(
     rng: np.random.Generator,
     shape: tuple[int, int],
@@ -127,8 +88,8 @@ def renewal_counts(
     """(points, bins) counts of the firings of (points, trials) SPADs, each followed from one firing to the next.
 
     Stationary from the start: a SPAD is blind with the probability lambda tau / (1 + lambda tau), and then for a rest
-    that is even over the dead time. The next photon after a moment is where the integral of the light has grown by an
-    exponential number.
+    that is even over the dead time; one that is blind for ever after it fires has not fired yet. The next photon after
+    a moment is where the integral of the light has grown by an exponential number.
 
     Args:
         echo: detections of a SPAD that is free throughout, place, sigma: numbers, or one for each of several echoes
@@ -137,8 +98,9 @@ def renewal_counts(
     mean, place, sigma = (np.atleast_1d(values) for values in echo)
     grid = np.linspace(0.0, bins * bin_ns, 40 * bins + 1)
     light = rate_per_ns * grid + ndtr((grid[:, None] - place) / sigma) @ mean
-    blind = rng.random(shape) < rate_per_ns * dead / (1.0 + rate_per_ns * dead)
-    free_from = np.where(blind, rng.uniform(0.0, dead, shape), 0.0)
+    blind_ns = dead if math.isfinite(dead) else 0.0
+    blind = rng.random(shape) < rate_per_ns * blind_ns / (1.0 + rate_per_ns * blind_ns)
+    free_from = np.where(blind, rng.uniform(0.0, blind_ns, shape), 0.0)
     point = np.broadcast_to(np.arange(shape[0])[:, None], shape).ravel()
     counts, free_from = np.zeros(shape[0] * bins), free_from.ravel()
     due = np.full((len(point), 4), np.inf)

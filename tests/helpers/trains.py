@@ -96,24 +96,29 @@ def random_trains(
     return range_m, power
 
 
-def on_device(light: Any) -> EchoTrain:
-    """The same train on the device, always at the same alignment: that would become part of the kernels."""
-    upload = {
-        "parts": tuple(
-            replace(
-                part, range_m=transfer.from_numpy(part.range_m), peak_power_w=transfer.from_numpy(part.peak_power_w)
-            )
-            for part in light.parts
-        ),
+def on_device(light: Any) -> Any:
+    """The same echoes or train on the device, always at the same alignment: that would become part of the kernels."""
+
+    def upload(part: Any, **changed: Any) -> Any:
+        names = ("range_m", "peak_power_w")
+        return replace(part, **{name: transfer.from_numpy(getattr(part, name)) for name in names}, **changed)
+
+    changed = {
         "has_surface": transfer.unsigned_numbers(light.has_surface) != 0,
         "background_power_w": transfer.from_numpy(light.background_power_w),
     }
-    if light.volume is not None:
-        air = light.volume
+    if isinstance(light, Echoes):
+        return upload(light, **changed)
+    if (air := light.volume) is not None:
         scale, end_m, *edge = map(transfer.from_numpy, (air.scale, air.end_m, *(air.edge or ())))
-        upload["volume"] = replace(air, scale=scale, end_m=end_m, edge=(edge[0], edge[1]) if edge else None)
-    on_the_device: EchoTrain = replace(light, **upload)
-    return on_the_device
+        changed["volume"] = replace(air, scale=scale, end_m=end_m, edge=(edge[0], edge[1]) if edge else None)
+    return replace(light, parts=tuple(map(upload, light.parts)), **changed)
+
+
+def detect_on_device(light: Echoes | EchoTrain, equipped: Sensor, *, seed: int = 0) -> Any:
+    """What the device makes of them, as NumPy arrays: the twin of `detect`."""
+    pulse, word = transfer.counter(0, np.size(light.background_power_w)), transfer.seed_word(seed)
+    return transfer.fetch(receiver.detect(on_device(light), transfer.opaque(equipped), seed=word, pulse=pulse))
 
 
 SHALLOW = 0.03

@@ -37,6 +37,7 @@ from lidarscene.labels.files import (
 )
 from lidarscene.labels.kinds import KINDS, kind_of
 from lidarscene.labels.kitti_dataset import _write_line
+from lidarscene.labels.nuscenes_dataset import Sample, sample_stream
 from lidarscene.labels.osi_truth import ground_truth
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, Riding, pose_at
@@ -809,15 +810,25 @@ def test_visibility_of_a_rig() -> None:
         merged.in_sensor_frame()
 
 
-def test_what_stands_is_not_labelled_as_moving() -> None:
-    """A course without speed is none; one that turns on the spot is one."""
+def test_what_stands_is_not_labelled_as_moving(tmp_path: Path) -> None:
+    """A course without speed is none; one that turns on the spot is one. nuScenes also knows who has stopped."""
     cloud, scene = render_driving(motion_in="removed")
     semantic, _ = point_labels(cloud, scene)
     assert (set(semantic[cloud.body == 0].tolist()), set(semantic[cloud.body == 1].tolist())) == ({252}, {10})
-    for course, number in ((Course(), 10), (Course(yaw_rate_rad_s=0.1), 252), (Course(velocity_m_s=(0, 0, 1)), 252)):
+    start = scene.bodies[0].pose
+    for course, number, state in (
+        (Course(start=start), 10, "parked"),
+        (Course(start=start, yaw_rate_rad_s=0.1), 252, "stopped"),
+        (Course(start=start, velocity_m_s=(0, 0, 1)), 252, "moving"),
+    ):
         stands = replace(scene, bodies=(replace(scene.bodies[0], motion=course), *scene.bodies[1:]))
         semantic, _ = point_labels(cloud, stands)
         assert set(semantic[cloud.body == 0].tolist()) == {number}
+        record: dict[str, Any] = {}
+        sample = Sample(scene=0, split="train", step=0, channel="LIDAR_TOP", number=0)
+        with sample_stream(tmp_path, sample, stands, record) as append:
+            append(cloud)
+        assert record["boxes"][0]["attribute"] == f"vehicle.{state}"
 
 
 @pytest.mark.parametrize(("short_m", "reached"), [(-0.02, 1), (0.0, 1), (0.049, 1), (0.051, 0), (3.0, 0)])

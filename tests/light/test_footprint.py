@@ -80,25 +80,6 @@ def test_knife_edges_converge_faster_than_random_rays(profile):
     assert error[-1] < 0.005
 
 
-def test_spiral_splits_better_than_hexagons_and_quadrature():
-    """Why a spiral: rings of 6 k rays at their mean r^2, and Gauss-Hermite nodes with their weights, are worse."""
-    ring_of = np.repeat([0, 1, 2], [1, 6, 12])
-    inside = np.array([0.0, 1.0, 7.0]) / 19.0
-    radius = np.sqrt(beam.gaussian_ring(inside=inside, outside=np.array([1.0, 7.0, 19.0]) / 19.0))[ring_of]
-    radius[0] = 0.0
-    angle = np.concatenate([[0.0], np.arange(6) * math.pi / 3.0, np.arange(12) * math.pi / 6.0])
-    hexagons = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    assert edge_error("gaussian", points("gaussian", 19)) < edge_error("gaussian", hexagons)
-
-    nodes, weights = np.polynomial.hermite_e.hermegauss(4)
-    grid = 0.5 * np.stack(np.meshgrid(nodes, nodes)).reshape(2, -1).T
-    weight = np.outer(weights, weights).ravel() / weights.sum() ** 2
-    distance = np.linspace(-1.0, 1.0, 2001)
-    beyond = (weight[:, None] * (grid[:, :1] > distance)).sum(axis=0)
-    quadrature = np.sqrt(np.mean((beyond - share_beyond("gaussian", distance)) ** 2))
-    assert edge_error("gaussian", points("gaussian", 16)) < 0.6 * quadrature
-
-
 def fan(shape, direction=(1.0, 0.0, 0.0), rotation=ROTATION):
     """The rays of one pulse from the origin: origins and directions, (rays, 3)."""
     rays = shape.rays
@@ -254,22 +235,6 @@ def test_a_bright_disc_beside_the_beam():
     assert len(np.unique(collected)) > 3
     # Without a halo no light goes there at all.
     assert not inside[np.tile(np.arange(rays), pulses) < rays // 2].any()
-
-
-def test_a_wide_plane_is_as_bright_with_a_halo():
-    """The sum over a plane across the beam at 100 m: (5) to 1e-4, as without a halo. 20 mrad of 5 % lose 2 r^2 to
-    slant and distance: 0.05 * 2 * 5e-5.
-    """
-    shape = footprint(laser("divergence_mrad=2"), 64, Halo(share=0.05, divergence_rad=20e-3))
-    zero = np.zeros(64)
-    axes = Beams(
-        pulse=np.zeros(64, np.int64), origin_m=(zero, zero, zero), aperture_m2=1.0, direction=(zero + 1.0, zero, zero)
-    )
-    out = spread(axes, shape, ray=np.arange(64), rotation=ROTATION)
-    cos = out.direction[0]
-    power = cos * (cos / 100.0) ** 2 * 1e4
-    whole = train_of(100.0, power[None, :], shape)
-    assert whole.parts[0].peak_power_w.sum() == pytest.approx(1.0, abs=1e-4)
 
 
 def test_the_last_rays_are_the_halos():

@@ -7,7 +7,6 @@ import pytest
 from helpers import chain, launches, trains
 from helpers.run_seed import chosen
 
-from lidarscene.detection import receiver
 from lidarscene.kernel.device import transfer
 from lidarscene.kernel.rays.trace import trace
 from lidarscene.kernel.world.mitsuba_world import build_world
@@ -45,27 +44,15 @@ with those of the sub-echoes, so that seven are left to two cases.
 """
 
 
-def detect_on_device(light, equipped, mi, *, seed=0):
-    """What the device makes of a train, as numpy."""
-    count = len(light.background_power_w)
-    detection = receiver.detect(
-        trains.on_device(light),
-        transfer.opaque(equipped),
-        seed=transfer.seed_word(seed),
-        pulse=transfer.counter(0, count),
-    )
-    return chain.to_numpy(detection)
-
-
 @pytest.mark.parametrize("case", chosen(5, list(CASES)))
-def test_device_and_numpy_agree(case, mi):
+def test_device_and_numpy_agree(case):
     """Single precision: up to three picoseconds of 400 ns, 1e-5 of a probability. A sample on the edge of a step or a
     tick of the clock may fall on the other side: of the ADC's times 1 % may differ, by what its noise does.
     """
     equipped = trains.sensor(*CASES[case])
     range_m, power = trains.random_trains(COUNT, SUB_ECHOES.get(case, 7), equipped, seed=9)
     light = trains.train(range_m.astype(np.float32), power.astype(np.float32))
-    expected, detection = trains.detect(light, equipped), detect_on_device(light, equipped, mi)
+    expected, detection = trains.detect(light, equipped), trains.detect_on_device(light, equipped)
     assert np.mean(detection.outcome != expected.outcome) < 1e-3
     np.testing.assert_allclose(detection.snr, expected.snr, rtol=1e-5)
     # The binomial tail's own single-precision error is some 1e-4 (`maths.special.binomial_tail`).
@@ -91,7 +78,7 @@ def test_device_and_numpy_agree(case, mi):
 
 
 @pytest.mark.parametrize("edge", [False, True])
-def test_fog_agrees(edge, mi):
+def test_fog_agrees(edge):
     """Device and NumPy agree on fog that ends at one surface, or 0.4 of it at a nearer one: the sum of both parts."""
     range_m = np.linspace(0.0, 150.0, 1501)
     shape = echoes.LookupTable((range_m / 3.0) ** 2 / (1.0 + (range_m / 3.0) ** 3) * np.exp(-range_m / 10.0))
@@ -116,7 +103,7 @@ def test_fog_agrees(edge, mi):
         ]
         expected_w = 0.4 * ends[0].air_w(place) + 0.6 * ends[1].air_w(place)
         np.testing.assert_allclose(waveform(light, equipped).air_w(place), expected_w, rtol=1e-6, atol=1e-15)
-    expected, detection = trains.detect(light, equipped), detect_on_device(light, equipped, mi)
+    expected, detection = trains.detect(light, equipped), trains.detect_on_device(light, equipped)
     fogs = 0
     for stop, expected_stop in zip(detection.stops, expected.stops, strict=True):
         # The table's slopes have corners, where single precision may see another peak: 1 % of the pulses.
@@ -267,16 +254,16 @@ def test_an_amplifier_changes_no_light():
 
 
 @pytest.mark.parametrize("case", ["apd", "filtered", "levels", "adc"])
-def test_a_second_frame_compiles_nothing(case, mi):
+def test_a_second_frame_compiles_nothing(case):
     """Other numbers in the sensor, other trains, another seed: the same kernel, with all its loops."""
     equipped, count = trains.sensor(*CASES[case]), SUB_ECHOES.get(case, 7)
     with launches.launched() as before:
-        detect_on_device(trains.train(*trains.random_trains(500, count, equipped, seed=1)), equipped, mi)
+        trains.detect_on_device(trains.train(*trains.random_trains(500, count, equipped, seed=1)), equipped)
     changed = trains.sensor(
         *CASES[case], "tdc.bandwidth_mhz=150", "tdc.dead_time_ns=3", "detector.gain=70", "laser.pulse_fwhm_ns=5.9"
     )
     with launches.launched() as later:
-        detect_on_device(trains.train(*trains.random_trains(500, count, changed, seed=2)), changed, mi, seed=5)
+        trains.detect_on_device(trains.train(*trains.random_trains(500, count, changed, seed=2)), changed, seed=5)
     launches.assert_none_is_new(later, before)
 
 

@@ -61,6 +61,10 @@ def grey(bsdf: str = "diffuse", name: object = "grey", **parameters: object) -> 
     return Material(name=name, bsdf=bsdf, reflectivity=0.2, parameters=parameters)
 
 
+def sheeting(half_angle_deg: float) -> Material:
+    return grey("retroreflector", retro_coefficient_cd_per_lx_m2=250.0, retro_half_angle_deg=half_angle_deg)
+
+
 SLOPE = Spectrum(wavelength_m=(850e-9, 950e-9), value=(1.4, 1.6))
 POINT = Spectrum(wavelength_m=(9e-7,), value=(0.0,))
 test_objects_are_held_to_what_files_are = calls(
@@ -71,6 +75,7 @@ test_objects_are_held_to_what_files_are = calls(
     (lambda: grey("glass", index_n=SLOPE, index_k=POINT), "index_n and index_k | same wavelengths"),
     (lambda: grey("coated"), "coated | coat_ior | coat_roughness"),
     (lambda: grey("retroreflector"), "retroreflector | retro_coefficient_cd_per_lx_m2 | retro_half_angle_deg"),
+    (lambda: sheeting(half_angle_deg=0.005), "retro_half_angle_deg | >= 0.05 | 0.005"),
     (lambda: grey("mirror", cover=0.5), "mirror | no cover"),
     (lambda: grey(name=5), "name | text | int"),
     (lambda: grey(x=1), "parameters | 'x' | cover"),

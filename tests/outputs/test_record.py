@@ -1,5 +1,6 @@
 """`lidarscene.record` from Python: the files of the command `render`, byte for byte, and mistakes in Python's words."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from helpers.walls import write_moving_rig
 import lidarscene
 from lidarscene import FrameOptions, Outputs, TraceOptions, load_rig, load_scene, load_sensor, record
 from lidarscene.errors import OptionWarning
+from lidarscene.rendering.simulator import Simulator
 
 pytestmark = pytest.mark.usefixtures("small_pictures")
 
@@ -110,11 +112,19 @@ def test_objects_do_as_well_as_files(mi, run: Run, moving: str, tmp_path: Path) 
     assert file_contents(tmp_path / "api") != {}
 
 
-def test_frames_go_on_from_a_number(mi, moving: str, tmp_path: Path) -> None:
-    """Frame 1 of two is frame 1 alone, where its name says so."""
+def test_frames_go_on_from_a_number(mi, moving: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Frame 1 of two is frame 1 alone, where its name says so. No frame is traced that nobody asked for."""
+    started, start = list[int](), Simulator._started
+
+    def counted(sim: Simulator, frames: Sequence[Any], first: int) -> Any:
+        started.append(len(frames))
+        return start(sim, frames, first)
+
+    monkeypatch.setattr(Simulator, "_started", counted)
     for folder, first, count in (("two", 0, 2), ("one", 1, 1)):
         record(moving, outputs=Outputs(folder), frames=count, number=first, overrides=SETS)
     two, single = file_contents(tmp_path / "two"), file_contents(tmp_path / "one")
+    assert sum(started) == 2 + 1
     assert list(single) == ["frame_0001.ply"]
     assert single["frame_0001.ply"] == two["frame_0001.ply"] != two["frame_0000.ply"]
 

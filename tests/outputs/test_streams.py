@@ -1,10 +1,6 @@
 """`render` writes its files while the frame is traced: the same bytes, the same summary, no chunk kept."""
 
 import json
-import os
-import signal
-import subprocess
-import sys
 import weakref
 from collections.abc import Callable
 from pathlib import Path
@@ -13,9 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.command_line import BEAMS, COARSE, Run
-from helpers.folders import begun, file_contents
+from helpers.folders import file_contents
 from helpers.run_seed import chosen
-from helpers.waiting import wait_until
 from helpers.walls import write_moving_rig
 
 from lidarscene import load_rig, load_scene, load_sensor
@@ -225,28 +220,6 @@ def test_a_format_that_needs_the_whole_keeps_copies(run, moving, most_chunks_ali
     """The columns of all chunks are one array: chunks themselves are not kept there either, but the first's."""
     assert run("render", moving, *all_outputs("o")["whole"], *COARSE, CHUNKS).code == 0
     assert most_chunks_alive() <= 1
-
-
-@pytest.mark.skipif(os.name == "nt", reason="no SIGKILL")
-def test_a_killed_process_leaves_no_file(run: Run, moving: str, tmp_path: Path) -> None:
-    """A frame of hours, killed when all its files are open; the next run clears what it left."""
-    fine = ["--set=scanner.azimuth_step_deg=0.01", "--set=scanner.elevation_step_deg=0.01"]
-    outputs = list(all_outputs("o")["single"])
-    outputs[outputs.index("-o") + 1] = "o/a.laz"
-    argv = ["render", moving, *outputs, *fine, "--chunk=1000"]
-    with subprocess.Popen([sys.executable, "-m", "lidarscene", *argv]) as child:
-        files = {"a.laz", "a.txt", "a.deskewed.laz", "a.deskewed.txt", "m.npz"}
-        wait_until(lambda: files <= begun(tmp_path / "o", child.pid) or child.poll() is not None)
-        child.kill()
-        assert child.wait() == -signal.SIGKILL
-    assert begun(tmp_path / "o", child.pid) == files
-    assert len(_names(tmp_path / "o")) == len(files)
-    assert run("render", moving, *outputs, *COARSE).code == 0
-    assert not [path for path in _names(tmp_path / "o") if path.startswith(".")]
-
-
-def _names(folder: Path) -> set[str]:
-    return set(os.listdir(folder)) if folder.is_dir() else set()
 
 
 def test_the_summary_counts_the_same(run: Run, wall: str) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,12 +12,12 @@ from helpers.formats import PLACED, need
 from helpers.mistakes import told
 from helpers.recordings import copy_to_mcap, hesai_packet, scan_bag
 
-from lidarscene.errors import InputError
+from lidarscene.errors import InputError, OptionWarning
 from lidarscene.formats.clock import EPOCH, to_ns
 from lidarscene.formats.ros import ros_frames, write_ros
 from lidarscene.formats.ros_bag import definition
 from lidarscene.recordings.bag_files import BagReader
-from lidarscene.recordings.bags import _Scans
+from lidarscene.recordings.bags import _Scans, _sweep
 from lidarscene.recordings.opening import open_recording
 
 ROS_1 = {"tf2_msgs/msg/TFMessage": "tf/msg/tfMessage"} | {
@@ -233,8 +234,8 @@ def test_a_bag_without_a_lidar_is_told(tmp_path: Path, library: Callable[[str], 
     rosbag2, typesys = library("rosbags.rosbag2"), library("rosbags.typesys")
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     with rosbag2.Writer(tmp_path / "bag", version=8) as writer:
-        writer.add_connection("/text", "std_msgs/msg/String", typestore=store)
-    with told("/text | std_msgs/msg/String"):
+        writer.add_connection("/te\nxt", "std_msgs/msg/String", typestore=store)
+    with told("/te xt | std_msgs/msg/String"):
         open_recording(tmp_path / "bag")
     path = tmp_path / "a.db3"
     path.write_bytes((tmp_path / "bag" / "bag.db3").read_bytes()[:5000])
@@ -253,39 +254,40 @@ POINT = np.dtype(
 """As of a driver on a big-endian machine, with four bytes before the first field and two behind the last."""
 
 
-def cloud_bag(path: Path, library: Callable[[str], Any]) -> Path:
+def cloud_bag(path: Path, library: Callable[[str], Any], tf: str = "/tf") -> Path:
     """A bag of `write_cloud_bag`."""
     with library("rosbags.rosbag2").Writer(path, version=8) as writer:
-        write_cloud_bag(writer, library)
+        write_cloud_bag(writer, library, tf)
     return path
 
 
-def write_cloud_bag(writer: Any, library: Callable[[str], Any]) -> None:
+def write_cloud_bag(writer: Any, library: Callable[[str], Any], tf: str = "/tf") -> None:
     """Two clouds of one instant, of two rows and three columns that are filled up to 90 bytes; and where the lidar was
-    after 1 s, 4 s and 9 s.
+    after 1 s, 4 s and 9 s, by rounded quaternions. Another topic before them has no messages.
     """
     typesys = library("rosbags.typesys")
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     types, kind, transform = store.types, "sensor_msgs/msg/PointCloud2", "tf2_msgs/msg/TFMessage"
 
-    def header(seconds: int) -> Any:
+    def header(seconds: int, frame_id: str) -> Any:
         stamp = types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=250_000_000)
-        return types["std_msgs/msg/Header"](stamp=stamp, frame_id="lidar")
+        return types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame_id)
 
     constants = {"x": (7, 1), "y": (7, 1), "z": (7, 1), "ring": (4, 1), "signal": (7, 2)}
     fields = [
         types["sensor_msgs/msg/PointField"](name=name, offset=POINT.fields[name][1], datatype=datatype, count=count)
         for name, (datatype, count) in constants.items()
     ]
-    points = writer.add_connection("/lidar", kind, typestore=store)
-    moves = writer.add_connection("/tf", transform, typestore=store)
+    for topic in ("/camera", "/lidar"):
+        points = writer.add_connection(topic, kind, typestore=store)
+    moves = writer.add_connection(tf, transform, typestore=store)
     for seconds in (1, 4, 9):
         stamped = types["geometry_msgs/msg/TransformStamped"](
-            header=header(seconds),
-            child_frame_id="lidar",
+            header=header(seconds, "/base_link"),
+            child_frame_id="/lidar",
             transform=types["geometry_msgs/msg/Transform"](
                 translation=types["geometry_msgs/msg/Vector3"](x=float(seconds), y=0.0, z=0.0),
-                rotation=types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0),
+                rotation=types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.7, w=0.7),
             ),
         )
         message = types[transform](transforms=[stamped])
@@ -297,7 +299,7 @@ def write_cloud_bag(writer: Any, library: Callable[[str], Any]) -> None:
         rows["y"], rows["z"], rows["ring"] = 20.0, 30.0, np.arange(6).reshape(2, 3) + 258
         data[:, : 3 * 28] = rows.view(np.uint8).reshape(2, -1)
         message = types[kind](
-            header=header(6),
+            header=header(6, "lidar"),
             height=2,
             width=3,
             fields=fields,
@@ -328,6 +330,41 @@ def test_clouds_of_a_driver_of_its_own_ways(tmp_path: Path, library: Callable[[s
             assert sweep.start_s == 6.25
             assert sweep.pose is not None
             assert sweep.pose.position_m.tolist() == [4.0, 0.0, 0.0]
+            np.testing.assert_allclose(sweep.pose.rotation, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-15)
+
+
+@pytest.mark.parametrize(("height", "row_step"), [(1, 0), (0, 24)])
+def test_clouds_without_rows_or_their_step(height: int, row_step: int) -> None:
+    """Rationale: writers leave the step of rows out, and an empty cloud may have none; each was refused."""
+    message = SimpleNamespace(
+        header=SimpleNamespace(stamp=SimpleNamespace(sec=6, nanosec=0), frame_id="lidar"),
+        height=height,
+        width=2,
+        fields=[SimpleNamespace(name=name, offset=4 * place, datatype=7, count=1) for place, name in enumerate("xyz")],
+        is_bigendian=False,
+        point_step=12,
+        row_step=row_step,
+        data=np.arange(6 * height, dtype="<f4").tobytes(),
+    )
+    np.testing.assert_allclose(_sweep(message, {}, {}).xyz_m, np.arange(6.0 * height).reshape(-1, 3))
+
+
+def test_a_place_on_the_vehicle_is_no_pose(tmp_path: Path, library: Callable[[str], Any]) -> None:
+    """Rationale: a bag of a drive may have nothing but the mounting; all frames would be from one place."""
+    with open_recording(cloud_bag(tmp_path / "bag", library, "/tf_static")) as recording:
+        assert recording[0].pose is None
+
+
+def test_other_topics_of_lidars_are_told(tmp_path: Path) -> None:
+    need("mcap")
+    with ros_frames(tmp_path / "a.mcap") as append:
+        append(small_cloud(5, metadata=PLACED), "front")
+        append(small_cloud(3, metadata=PLACED), "rear")
+    with (
+        pytest.warns(OptionWarning, match="read is the topic /front/points; others of lidars are /rear/points"),
+        open_recording(tmp_path / "a.mcap") as recording,
+    ):
+        assert recording[0].shape == (5,)
 
 
 def test_packets_of_hesais_driver(tmp_path: Path, library: Callable[[str], Any]) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.clouds import small_cloud
-from helpers.formats import need
+from helpers.formats import PLACED, need
 from helpers.mistakes import told
 
 from lidarscene.errors import OptionWarning
@@ -164,12 +164,21 @@ def test_las_of_another_program(
 
 @pytest.mark.parametrize("name", ["ply", "pcd", "las", "laz"])
 def test_our_own_files_are_recordings_too(tmp_path: Path, name: str) -> None:
+    """In the sensor's frame with its pose, and without the true reflectivity.
+
+    Rationale: `twin` of a rendered cloud took the world's origin for the sensor, and reflectivities for percents.
+    """
     need(name)
-    cloud, path = small_cloud(), tmp_path / f"a.{name}"
+    metadata = PLACED | {"sensor_to_world": "0 -1 0 1  1 0 0 2  0 0 1 3"}
+    cloud, path = small_cloud(metadata=metadata), tmp_path / f"a.{name}"
     cloud.save(path)
     sweep = open_recording(path)[0]
+    assert sweep.reflectivity is None
+    assert sweep.pose is not None
+    assert sweep.pose.position_m.tolist() == [1.0, 2.0, 3.0]
+    cloud = cloud.in_sensor_frame()
     # LAS holds positions in steps of 10 um.
-    np.testing.assert_allclose(sweep.xyz_m, cloud.xyz_m, atol=1e-5 if name in ("las", "laz") else 0.0, rtol=1e-6)
+    np.testing.assert_allclose(sweep.xyz_m, cloud.xyz_m, atol=1e-5 if name in ("las", "laz") else 1e-7, rtol=1e-6)
     assert sweep.ring is not None
     np.testing.assert_array_equal(sweep.ring, cloud.ring)
     assert sweep.time_s is not None
@@ -181,6 +190,9 @@ def test_a_folder_is_frames_by_the_numbers_in_their_names(tmp_path: Path) -> Non
         (tmp_path / f"{number}.bin").write_bytes((ROWS[:, :4] * number).tobytes())
         (tmp_path / f"._{number}.bin").write_bytes(b"\0\5\x16\7")  # of macOS
     assert [float(sweep.range_m[0]) for sweep in open_recording(tmp_path)] == [3.0, 6.0, 30.0]
+    (tmp_path / "3.pcd.bin").write_bytes(ROWS.tobytes())
+    with pytest.warns(OptionWarning, match=r"several formats .* one sensor: \.bin, \.pcd\.bin"):
+        open_recording(tmp_path)
 
 
 def test_what_is_damaged_is_told(tmp_path: Path, library: Callable[[str], Any]) -> None:

@@ -1,5 +1,6 @@
 """Frames of a recording by number, from both ends."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,15 +24,22 @@ def test_frames_are_counted_from_both_ends() -> None:
     recording = Recording(path=Path("a"), count=3, read=lambda frame: sweep(1.0 + frame))
     assert [recording[place].range_m[0] for place in (0, 1, 2, -1, -2, -3)] == [1, 2, 3, 3, 2, 1]
     assert [frame.range_m[0] for frame in recording] == [1, 2, 3]
+    assert [frame.range_m[0] for frame in recording[-2:]] == [2, 3]
     for place in (3, -4):
         with told(f"frame | 0 | 2 | {place}"):
             recording[place]
 
 
-def test_a_closed_recording_is_told() -> None:
+@pytest.mark.parametrize("close", [Recording.__exit__, lambda recording: recording.close_file()])
+def test_a_closed_recording_is_told(close: Callable[[Recording], None]) -> None:
     """Rationale: a frame of a closed pcap of an Ouster ended Python."""
-    with Recording(path=Path("a"), count=3, read=lambda frame: sweep(1.0 + frame)) as recording:
-        assert recording[2].range_m[0] == 3.0
+    closed: list[bool] = []
+    recording = Recording(
+        path=Path("a"), count=3, read=lambda frame: sweep(1.0 + frame), close_file=lambda: closed.append(True)
+    )
+    assert recording[2].range_m[0] == 3.0
+    close(recording)
+    assert closed
     with told("a | closed"):
         recording[2]
 

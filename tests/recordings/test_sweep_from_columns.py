@@ -1,5 +1,6 @@
 """Points by column: the names, units and clocks of drivers, and points that stand for nothing."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ XYZ = {"x": np.array([1.0, 2.0, 0.0, np.inf]), "y": np.array([0.0, 0.0, 5e-4, 0.
 
 def test_what_is_no_point_is_no_point() -> None:
     """Such rows are left out of a list; of an array they are pulses of which nothing came back."""
-    columns = XYZ | {"Ring": np.arange(4)}
+    columns = XYZ | {"scalar_Ring": np.arange(4)}
     listed = sweep_of(columns, metadata={})
     assert listed.range_m.tolist() == [1.0, 2.0]
     assert listed.ring is not None
@@ -37,12 +38,28 @@ def test_lost_pulses_before_the_first_point() -> None:
     assert sweep.time_s[0].tolist() == pytest.approx([-4e-6, 0.0])
 
 
+@pytest.mark.parametrize("names", ["xyz", ("x", "y", "z", "ring")])
+def test_rows_are_lasers(names: Iterable[str]) -> None:
+    """Rationale: RoboSense's and Velodyne's drivers write organised clouds with a row for each firing."""
+    ring, firing = np.indices((3, 50))
+    columns = {"x": 9.0 + firing, "y": 1.0 * firing, "z": (ring - 1.0) * (9.0 + firing), "ring": ring}
+    columns["x"][1, 7] = columns["y"][1, 7] = np.nan  # a lost pulse
+    for named in (columns, {name: values.T for name, values in columns.items()}):
+        sweep = sweep_of({name: named[name] for name in names}, shape=named["x"].shape, metadata={})
+        assert sweep.shape == (3, 50)
+        assert np.argwhere(sweep.lost).tolist() == [[1, 7]]
+        np.testing.assert_allclose(sweep.xyz_m[2, 9], [18.0, 9.0, 18.0])
+    leaning = {"x": columns["x"], "y": columns["y"], "z": columns["y"] + 1e-3 * columns["z"]}
+    assert sweep_of(leaning, shape=(3, 50), metadata={}).shape == (3, 50)  # of a sensor that was mounted askew
+
+
 @pytest.mark.parametrize(
     ("stamps", "start_s", "times_s", "began_s"),
     [
         (np.array([2_000, 3_000, 0, 0], np.int32), 50.0, [0.0, 1e-6], 50.000_002),  # nanoseconds after the message's
         (np.array([2_000, 3_000, 0, 0], np.uint32), 0.0, [0.0, 1e-6], 2e-6),
         (np.array([2e-6, 3e-6, -9.0, -9.0]), 50.0, [0.0, 1e-6], 50.000_002),  # seconds
+        (np.array([2e-6, np.nan, 0.0, 0.0]), 50.0, [0.0, np.nan], 50.000_002),
         (np.array([1.7e9, 1.7e9 + 0.5, 0.0, 0.0]), 50.0, [0.0, 0.5], 1.7e9),  # since 1970: no stamp is added
         (np.array([17, 17 + 5, 0, 0], np.int64) * 10**17, 50.0, [0.0, 5e8], 1.7e9),
     ],

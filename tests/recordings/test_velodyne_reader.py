@@ -1,6 +1,7 @@
 """Velodyne: packets as the VLP-16's manual has them, and what becomes of each pulse."""
 
 import math
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,10 @@ from helpers.mistakes import told
 from helpers.packets import packets_of, random_frame
 from helpers.recordings import FIRINGS, pcap, turns, vls_packet
 
+from lidarscene.formats.packets.layouts import Packet
 from lidarscene.formats.packets.select_encoder import select_encoder
 from lidarscene.recordings.opening import open_recording
-from lidarscene.recordings.velodyne_reader import sweep_of_points
+from lidarscene.recordings.velodyne_reader import recording_of_scans, sweep_of_points
 from lidarscene.sensor.sensor_file import load_sensor
 
 PACKETS = 75
@@ -81,6 +83,18 @@ def test_a_turn_ends_where_the_recording_pauses(tmp_path: Path, library: Callabl
         lengths_s = [float(np.ptp(np.asarray(sweep.time_s))) for sweep in recording]
     assert len(lengths_s) == 3
     assert max(lengths_s) < 0.1
+
+
+def test_a_turn_ends_where_the_clock_is_set_back(tmp_path: Path, library: Callable[[str], Any]) -> None:
+    """By 500 s, within the second turn, whose times would be as long."""
+    library("velodyne_decoder")
+    payloads = turns(2 * PACKETS)
+    for number in range(100):
+        (stamp_us,) = struct.unpack_from("<I", payloads[number], 1200)
+        payloads[number] = payloads[number][:1200] + struct.pack("<I", stamp_us + 500_000_000) + payloads[number][1204:]
+    with open_recording(pcap(tmp_path / "a.pcap", payloads)) as recording:
+        assert [sweep.shape[1] // FIRINGS for sweep in recording] == [75, 25, 50]
+        assert max(float(np.ptp(np.asarray(sweep.time_s))) for sweep in recording) < 0.1
 
 
 def test_ranges_directions_and_the_lost_pulse(two_turns: Path) -> None:
@@ -155,6 +169,16 @@ def test_channels_in_the_sky_have_rows_and_directions(tmp_path: Path, library: C
 def test_a_file_without_packets_is_told(tmp_path: Path) -> None:
     with told("other.pcap | Velodyne | Hesai | Ouster"):
         open_recording(pcap(tmp_path / "other.pcap", [b"nothing"]))
+
+
+def test_messages_without_packets_are_told(tmp_path: Path, library: Callable[[str], Any]) -> None:
+    """Rationale: velodyne-decoder ends Python over none. A packet of another length is passed over."""
+    library("velodyne_decoder")
+    turn = [Packet(0.0, payload) for payload in turns(PACKETS)]
+    recording = recording_of_scans(tmp_path, None, [[], [Packet(0.0, b"cut"), *turn]], name="")
+    assert recording[1].shape == (16, FIRINGS * PACKETS)
+    with told("points | none"):
+        recording[0]
 
 
 def filled_firings() -> np.ndarray:

@@ -53,6 +53,7 @@ test_slips = calls(
     (lambda: lidarscene.load_scene(3), "scene | a name, a file, a Scene | int"),
     (lambda: lidarscene.load_scene("car", overrides=[1]), '"key=value" | 1'),
     (lambda: lidarscene.batch("job", ""), "output | name of a file | an empty text"),
+    (lambda: lidarscene.batch("job", "out", workers=0), "workers | 1 | 1024 | 0"),
     (lambda: lidarscene.load_cloud(""), "path | name of a file | an empty text"),
     (lambda: lidarscene.load_rig(3), "rig | a file or a Rig | int"),
     (lambda: lidarscene.render("edges", pose="here"), "pose | Pose | x, y, z | 'here'"),

@@ -201,6 +201,9 @@ def test_bodies_come_and_go_as_in_worlds_built_anew() -> None:
     poses["car"] = pose(10, 2, 0, 15)
     assert live.add("car", poses["car"]) == "car"
     check()
+    poses["ball"] = pose(8, -1, 0.4)  # without spares it is its own
+    assert live.add("ball", poses["ball"]) == "ball"
+    check()
 
 
 def test_nothing_is_compiled() -> None:
@@ -280,17 +283,21 @@ def test_what_is_fixed_to_the_ego_vehicle_goes_with_it() -> None:
 
 
 def test_the_callers_clock() -> None:
-    """Frames are given when they are over; within one a body goes evenly from pose to pose, and then it stays."""
+    """Frames are given when they are over; within one a body goes evenly from pose to pose, and then it stays: what
+    waits has the label of what moves, as in a scene file.
+    """
     live = LiveSimulator(street(), sensor(), movable=("ball",), spares={"car": 1})
     length_s = live.sensor.scanner.frame_s
     clouds, times = [], []
-    for step in range(1, 31):
+    for step in range(1, 41):
         now_s = step * length_s / 8.0
         for cloud in live.advance(now_s, {"car": (12.0 + 10.0 * now_s, 0.0, 0.0)} if step <= 20 else {}):
             clouds.append(cloud)
             times.append(step)
-    assert [int(cloud.metadata["frame_number"]) for cloud in clouds] == [0, 1, 2]
-    assert times == [8, 16, 24]
+            semantic, _ = point_labels(cloud, live.scene)
+            assert set(semantic[cloud.body == cloud.body_names.index("car")].tolist()) == {252}
+    assert [int(cloud.metadata["frame_number"]) for cloud in clouds] == [0, 1, 2, 3, 4]
+    assert times == [8, 16, 24, 32, 40]
     # A straight line from the first pose on, which is held before.
     drives = LiveSimulator(street(), sensor(), movable=("ball",), spares={"car": 1})
     drives.place("car", (12.0, 0.0, 0.0), velocity_m_s=(10.0, 0.0, 0.0))

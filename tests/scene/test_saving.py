@@ -102,16 +102,29 @@ def test_an_edited_scene_gives_the_same_cloud(tmp_path: Path) -> None:
     shapes = trimesh.Scene({"box": trimesh.creation.box(), "ball": trimesh.creation.icosphere(subdivisions=1)})
     corners = np.random.default_rng(5).normal(size=(30, 3))
     trimesh.creation.box().export(tmp_path / "box.ply")
-    colours = trimesh.creation.box(visual=trimesh.visual.TextureVisuals())
-    colours.visual.material = trimesh.visual.material.PBRMaterial(baseColorFactor=(10, 20, 30, 255))
+    dark, light = (
+        trimesh.creation.box(
+            visual=trimesh.visual.TextureVisuals(
+                material=trimesh.visual.material.PBRMaterial(baseColorFactor=(level, 20, 30, 255))
+            )
+        )
+        for level in (10, 250)
+    )
     scene = (
         load_scene("car")
         .remove("car")
         .add(shapes, "asphalt", position=(8.1, 1.3, 0.7), name="two shapes")
         .add((corners, np.arange(30).reshape(10, 3)), "concrete", pose=(5.3, -2.1, 1.0, 33.3, 12.7, -5.1))
         .add(tmp_path / "box.ply", "brick", pose=(6.0, 3.0, 0.5, 20.0))
-        .add(colours, position=(4.0, 0.0, 1.0), name="coloured")
+        .add(dark, position=(4.0, 0.0, 1.0), name="coloured")
+        .add(light, position=(4.0, 2.0, 1.0), name="coloured")
+        .remove("coloured")
+        .add(light, position=(4.0, 4.0, 1.0), name="coloured")
     )
+    assert [body.name for body in scene.bodies[-2:]] == ["coloured 2", "coloured"]
+    assert [body.parts[0].material for body in scene.bodies[-2:]] == ["colour of coloured 2"] * 2
+    levels = [scene.materials[f"colour of coloured{number}"].at(903e-9)["reflectivity"] for number in ("", " 2")]
+    assert levels[0] < 0.1 < 0.3 < levels[1]
     again = saved(scene, tmp_path)
     assert_same(scene, again)
     first, second = (lidarscene.render(of, "vlp-16", seed=1) for of in (scene, again))

@@ -171,9 +171,9 @@ class SplitFile(FileModel):
     test: Annotated[float, Number(ge=0, le=1)] = Field(default=0.0, description="fraction of the frames for tests")
     by: Literal["street", "drive", "frames"] = Field(
         default="street",
-        description="what goes whole into one part: a street (drives that differ only in light, weather, paint, the "
-        "vehicle's motion, sensor and seed), a drive (one scene, sensor and seed), or runs of consecutive frames of "
-        "each drive",
+        description="what goes whole into one part: a street (drives that differ only in light, weather, paint, "
+        "traffic, the vehicle's motion, sensor and seed), a drive (one scene, sensor and seed), or runs of consecutive "
+        "frames of each drive",
     )
 
     @model_validator(mode="after")

@@ -36,8 +36,13 @@ LAYOUT = 1
 NOT_IN_WORLD = frozenset({"name", "description", "sun", "sky", "air", "weather", "sensor", "picture"})
 """Tables of a scene file that a compiled world does not depend on."""
 
-NOT_IN_STREET = frozenset({*NOT_IN_WORLD, "ego", "materials", "material", "base_materials"})
-"""Keys of a scene file, at its top or within a body, that change no place: light, paint, and how the vehicle drives."""
+NOT_IN_STREET = (
+    NOT_IN_WORLD
+    | {"ego", "own_car", "motion", "materials", "material", "base_materials", "interference", "ground", "reach_m"}
+    | {"wet", "parked_share", "walking_spacing_m", "speed_m_s", "oncoming_gap_m", "ahead", "behind", "stop_share"}
+    | {"laps", "shown_m"}
+)
+"""Keys of a scene file, at any depth, that change no place: light, paint, and who drives, walks and parks there."""
 
 Parameters = tuple[tuple[str, Any], ...]
 Rule = RangeFile | tuple[Any, ...]
@@ -333,11 +338,11 @@ def _in_street(changes: Iterable[str]) -> list[str]:
 
 @functools.lru_cache(maxsize=1000)
 def _street(path: Path, content: str) -> str:
-    """Hash of what stands where in a scene file with this content: the same for files that differ in light or paint."""
+    """Hash of what stands where in a scene file with this content, whatever the light, the paint and the traffic."""
     if is_xml(path):
         return content
     model = scene_model(path)
-    standing = [body for body in model.bodies if not any(motion and motion.with_ego for motion in body.motions())]
+    standing = [body for body in model.bodies if not all(body.motions())]
     tables = model.model_dump(mode="json") | {"bodies": [body.model_dump(mode="json") for body in standing]}
     meshes = [_digest(path.parent / body.mesh) for body in standing if body.mesh]
     return digest_of_data([_without_keys(tables, {*NOT_IN_STREET, "extends", "mesh"}), meshes])

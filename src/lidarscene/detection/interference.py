@@ -23,7 +23,7 @@ class Crossings:
     """Pulses of one other lidar that trip the comparator, for each pulse of the sensor.
 
     Attributes:
-        rate_hz: (n,) nu q, rate of the Poisson process
+        rate_hz: (n,) nu q, rate of the Poisson process; over time of flight, of all shots that are summed
         probability: (n,) q, that one of its pulses trips, theory (T43)
         source: light of the other lidar
     """
@@ -49,16 +49,30 @@ class Assigned:
 def crossings(shots: Shots, sources: tuple[Interference, ...]) -> tuple[Crossings, ...]:
     """Compute the crossings that each other lidar causes.
 
-    The receiver's noise is neglected: it is small against the spread of the peaks (docs/theory_light.md 3).
+    The receiver's noise is neglected: it is small against the spread of the peaks (docs/theory_light.md 3). A receiver
+    that sums shots listens in each of them, but a pulse of another lidar arrives in one: it has to do there what our
+    echo does in all.
     """
-    needed = shots.point.response.power_w(shots.threshold)
+    ops, response, summed = xp(shots.threshold), shots.point.response, _summed_shots(shots)
+    level = summed * shots.threshold
+    needed = response.power_w(level)
+    # All cells of one shot together may be too few.
+    reached = response.signal(needed) > 0.99 * level
     by_lidar = []
     for source in sources:
         probability = formulas.tripping_probability(
             needed_power_w=needed, median_power_w=source.peak_power_w, spread_db=source.spread_db
         )
-        by_lidar.append(Crossings(rate_hz=source.rate_hz * probability, probability=probability, source=source))
+        probability = ops.where(reached, probability, 0.0)
+        by_lidar.append(
+            Crossings(rate_hz=summed * source.rate_hz * probability, probability=probability, source=source)
+        )
     return tuple(by_lidar)
+
+
+def _summed_shots(shots: Shots) -> Lanes:
+    """Number of shots whose light is one signal."""
+    return 1.0 if shots.sensor.histogram is None else shots.sensor.histogram.shots
 
 
 def assign_source(
@@ -99,4 +113,5 @@ def tripping_amplitude(shots: Shots, lidar: Crossings, *, uniform: Lanes) -> Lan
         median_power_w=lidar.source.peak_power_w,
         spread_db=lidar.source.spread_db,
     )
-    return point.response.measured(xp(threshold).maximum(point.response.signal(power), threshold))
+    peak = point.response.signal(power) / _summed_shots(shots)
+    return point.response.measured(xp(threshold).maximum(peak, threshold))

@@ -350,13 +350,18 @@ def _gather_fields(blocks: Iterator[Numbers], header: _Header, most: int) -> Fie
 
 
 def write_columns(
-    path: str | os.PathLike[str], columns: Mapping[str, Numbers], *, comments: Iterable[str] = ()
+    path: str | os.PathLike[str],
+    columns: Mapping[str, Numbers],
+    *,
+    comments: Iterable[str] = (),
+    faces: Numbers | None = None,
 ) -> None:
-    """Write a property for each array, atomically, binary little-endian.
+    """Write a property for each array, atomically, binary little-endian, and the triangles between these points.
 
     Args:
         columns: (n,) each, of a dtype in PLY_TYPES
         comments: one line each; what is not ASCII is backslash-escaped
+        faces: (m, 3) indices of points; None: there are none
     """
     dtype = np.dtype([(name, values.dtype.newbyteorder("<")) for name, values in columns.items()])
     points = np.zeros(len(next(iter(columns.values()))), dtype)
@@ -366,6 +371,10 @@ def write_columns(
     lines += [f"comment {text.encode('unicode_escape').decode('ascii')}" for text in comments]
     lines += [f"element vertex {len(points)}"]
     lines += [f"property {PLY_TYPES[values.dtype.name]} {name}" for name, values in columns.items()]
+    triangles = np.zeros(0 if faces is None else len(faces), [("count", "u1"), ("corners", "<i4", 3)])
+    if faces is not None:
+        lines += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
+        triangles["count"], triangles["corners"] = 3, faces
     with atomic_output(path) as temporary, open(temporary, "wb") as file:
         file.write("\n".join([*lines, "end_header", ""]).encode("ascii"))
-        file.write(points.tobytes())
+        file.write(points.tobytes() + triangles.tobytes())

@@ -29,7 +29,6 @@ from ..formats.osi import framed
 from ..formats.registry import LABELS, format_of
 from ..maths.arrays import Lanes, Mask, Numbers, xp
 from ..maths.rotations import quaternion
-from ..maths.trajectory import Course
 from ..scene.scene import Scene
 from .boxes import PIECE_POINTS, Box, CountedPoints, GatheredBoxes, sensor_place, truth_of, upright_size_and_yaw
 from .kinds import MOVING, NOT_IN_KITTI, OUTLIER, UNLABELLED, kind_of
@@ -151,12 +150,10 @@ class LabelTables:
         numbers = [*(kind.semantic_kitti + _THING * kind.is_thing for kind in kinds), UNLABELLED]
         bodies = np.full(len(scene.bodies) + 1, _AS_CLASS, np.int32)
         for index, body in enumerate(scene.bodies):
-            if body.motion is None:
-                continue
             if body.rides_with(scene.ego):
                 # As with boxes: a network is to learn what the vehicle meets, not its own roof.
                 bodies[index] = -1 - UNLABELLED
-            elif not (isinstance(body.motion, Course) and body.motion.rests):
+            elif body.moves:
                 bodies[index] = MOVING.get(kind_of(body.class_name).semantic_kitti, _AS_CLASS)
         return cls(np.array(numbers, np.int32), bodies)
 

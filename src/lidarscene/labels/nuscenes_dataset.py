@@ -28,7 +28,7 @@ from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..maths.rotations import quaternion
 from ..maths.trajectory import Course, Motion, clipped, pose_at
-from ..scene.scene import Part, Scene
+from ..scene.scene import Body, Part, Scene
 from .boxes import Box, GatheredBoxes, sensor_place, truth_of
 from .files import Append, nuscenes_annotation
 from .kinds import kind_of
@@ -166,6 +166,7 @@ def sample_stream(folder: Path, sample: Sample, scene: Scene, record: dict[str, 
 
         yield append
         sensor_pose, start_s = sensor_place(gathered.first), gathered.first.frame_start_s
+        entries = [_record_of(box, scene.bodies[box.body]) for box in gathered.boxes()]
         record |= {
             "start_s": start_s,
             "scene": scene.name,
@@ -173,9 +174,7 @@ def sample_stream(folder: Path, sample: Sample, scene: Scene, record: dict[str, 
             "ego_to_world": _rows(pose_at(scene.ego or Course(), start_s)),
             "sensor_to_world": _rows(sensor_pose),
             # nuScenes has no boxes of what cannot move, such as poles; their points have classes.
-            "boxes": [
-                entry for entry in map(_record_of, gathered.boxes()) if not entry["category_name"].startswith("static.")
-            ],
+            "boxes": [entry for entry in entries if not entry["category_name"].startswith("static.")],
         }
 
 
@@ -193,25 +192,23 @@ def _category(class_name: str) -> int:
     return CATEGORIES.index(name) if name in CATEGORIES else OTHER
 
 
-def _record_of(box: Box) -> dict[str, Any]:
-    annotation = nuscenes_annotation(box)
-    speed = float(np.linalg.norm(box.velocity_m_s))
-    return annotation | {
-        "category_name": CATEGORIES[_category(box.class_name)],
-        "attribute": _attribute(box.class_name.lower(), CATEGORIES[_category(box.class_name)], speed > MOVING_M_S),
-    }
+def _record_of(box: Box, body: Body) -> dict[str, Any]:
+    category = CATEGORIES[_category(box.class_name)]
+    state = "moving" if np.linalg.norm(box.velocity_m_s) > MOVING_M_S else "stopped" if body.moves else "parked"
+    attribute = _attribute(box.class_name.lower(), category, state)
+    return nuscenes_annotation(box) | {"category_name": category, "attribute": attribute}
 
 
-def _attribute(class_name: str, category: str, moves: bool) -> str:
+def _attribute(class_name: str, category: str, state: str) -> str:
     """Name of nuScenes' attribute; "" for a category that has none."""
     if class_name in ("cyclist", "motorcyclist"):
         return "cycle.with_rider"
     if category in ("vehicle.bicycle", "vehicle.motorcycle"):
         return "cycle.without_rider"
     if category.startswith("vehicle."):
-        return "vehicle.moving" if moves else "vehicle.parked"
+        return f"vehicle.{state}"
     if category.startswith("human."):
-        return "pedestrian.moving" if moves else "pedestrian.standing"
+        return "pedestrian.moving" if state == "moving" else "pedestrian.standing"
     return ""
 
 

@@ -144,7 +144,7 @@ class MaterialFile(FileModel):
         default=None, description="retroreflector: R_A at 0.2 degrees of observation and 4 degrees of entrance"
     )
     retro_source: str = Field(default="", description="source")
-    retro_half_angle_deg: Annotated[float, Field(gt=0, le=5)] | None = Field(
+    retro_half_angle_deg: Annotated[float, Field(ge=0.05, le=5)] | None = Field(
         default=None, description="retroreflector: observation angle at which R_A has fallen to half of its peak"
     )
     retro_half_angle_source: str = Field(default="", description="source")

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError, OptionError
+from ..errors import InputError, OptionError, OptionWarning, warn
 from ..formats.cloud_description import input_errors
 from ..formats.packets.layouts import Packet
 from ..maths.pose import Pose, rotation_numbers
@@ -44,12 +44,14 @@ def open_bag(path: Path, metadata: Path | None) -> Recording:
 
 
 def _recording_of(bag: BagReader, path: Path, metadata: Path | None) -> Recording:
-    topic = next((topic for topic, kind in bag.topics.items() if kind in (POINTS, CUSTOM, *SCANS)), None)
-    if topic is None:
-        topics = ", ".join(f"{topic} ({kind})" for topic, kind in bag.topics.items()) or "none"
-        raise InputError(
-            f"{path}: must have a topic of PointCloud2, of Livox or of Velodyne's or Hesai's packets, got {topics}"
-        )
+    lidars = [topic for topic, kind in bag.topics.items() if kind in (POINTS, CUSTOM, *SCANS) and bag.messages(topic)]
+    if not lidars:
+        topics = ", ".join(f"{topic} ({kind})" for topic, kind in bag.topics.items()) or "an empty bag"
+        must = "must have messages of PointCloud2, of Livox or of Velodyne's or Hesai's packets"
+        raise InputError(f"{path}: {must}, got none in {' '.join(topics.split())}")
+    topic, *others = lidars
+    if others:
+        warn(OptionWarning("{0}: read is the topic {1}; others of lidars are {2}", path, topic, ", ".join(others)))
     messages, kind = bag.messages(topic), bag.topics[topic]
     if kind in SCANS:
         maker = kind.partition("_")[0]
@@ -100,10 +102,11 @@ def _sweep(message: Any, transforms: Transforms, metadata: dict[str, str]) -> Sw
         }
     )
     rows, columns = message.height, message.width
+    step = message.row_step or columns * dtype.itemsize  # some writers leave it out
     data = np.frombuffer(message.data, np.uint8)
-    if len(data) < rows * message.row_step or message.row_step < columns * dtype.itemsize:
-        raise ValueError(f"a cloud must have {rows} rows of {message.row_step} bytes, got {len(data)} bytes")
-    rows_bytes = data[: rows * message.row_step].reshape(rows, -1)[:, : columns * dtype.itemsize]
+    if len(data) < rows * step or step < columns * dtype.itemsize:
+        raise ValueError(f"a cloud must have {rows} rows of {step} bytes, got {len(data)} bytes")
+    rows_bytes = data[: rows * step].reshape(rows, step)[:, : columns * dtype.itemsize]
     points = np.ascontiguousarray(rows_bytes).reshape(-1).view(dtype)
     start_s = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
     return sweep_of(
@@ -128,17 +131,26 @@ Transforms = dict[str, list[tuple[float, str, Pose]]]
 """Name of a frame -> stamps [s], names of its parent, and poses in it; of static ones the stamp is -inf."""
 
 
+WORLDS = ("earth", "map", "odom", "world")
+"""Source: REP 105, and `world` as many robots have it; frames that do not move with a vehicle."""
+
+
 def _pose_at(transforms: Transforms, frame: str, time_s: float) -> Pose | None:
-    """Pose of a frame in the last of its parents by the last transforms before a time; None if one is missing."""
-    pose, visited = None, set[str]()
+    """Pose of a frame in the last of its parents by the last transforms before a time; None if one is missing.
+
+    None, too, if nothing moves and the last is no world: that is the place on a vehicle, which may drive.
+    """
+    pose, visited, moves = None, set[str](), False
+    frame = frame.lstrip("/")
     while frame in transforms and frame not in visited:
         visited.add(frame)
-        earlier = [(parent, step) for stamp_s, parent, step in transforms[frame] if stamp_s <= time_s]
+        earlier = [entry for entry in transforms[frame] if entry[0] <= time_s]
         if not earlier:
             return None
-        frame, step = earlier[-1]
+        stamp_s, frame, step = earlier[-1]
+        moves |= stamp_s > -math.inf
         pose = step if pose is None else step @ pose
-    return pose
+    return pose if moves or frame in WORLDS else None
 
 
 def _transforms(bag: BagReader) -> Transforms:
@@ -149,11 +161,15 @@ def _transforms(bag: BagReader) -> Transforms:
     for message in sorted(messages, key=lambda message: message.time_ns):
         for stamped in bag.read(message).transforms:
             translation, rotation = stamped.transform.translation, stamped.transform.rotation
+            quaternion = np.array([rotation.w, rotation.x, rotation.y, rotation.z])
+            quaternion /= np.linalg.norm(quaternion) or 1.0  # some are rounded, or all zero
             pose = Pose(
                 position_m=np.array([translation.x, translation.y, translation.z]),
-                rotation=np.array(rotation_numbers(rotation.w, rotation.x, rotation.y, rotation.z)).reshape(3, 3),
+                rotation=np.array(rotation_numbers(*quaternion)).reshape(3, 3),
             )
             stamp, is_static = stamped.header.stamp, message.topic.endswith("tf_static")
             stamp_s = -math.inf if is_static else stamp.sec + 1e-9 * stamp.nanosec
-            transforms.setdefault(stamped.child_frame_id, []).append((stamp_s, stamped.header.frame_id, pose))
+            # ROS 1 wrote names with a slash before them.
+            child, parent = (name.lstrip("/") for name in (stamped.child_frame_id, stamped.header.frame_id))
+            transforms.setdefault(child, []).append((stamp_s, parent, pose))
     return transforms

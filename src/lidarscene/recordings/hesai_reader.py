@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +42,7 @@ from .sweep import Second, Sweep
 from .units.hesai_unit import MirrorCorrections, read_hesai, read_mirror
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class PacketFormat:
     """Packets of one model; bytes, in which the fields of the tail count from its start.
 
@@ -106,7 +106,7 @@ class PacketFormat:
         """Place of the tail."""
         return self.header + self.blocks * self.block_bytes + self.gap
 
-    @property
+    @cached_property
     def dtype(self) -> np.dtype[np.void]:
         """Layout of a packet up to the last field that is read."""
         points = np.dtype(

@@ -143,9 +143,6 @@ ONLY_RECORDINGS = (".pcap", ".osf", ".mcap", ".db3", ".bag", ".bin", ".feather")
 EITHER = (".ply", ".pcd", ".las", ".laz")
 """Suffixes of clouds; one that another program than lidarscene wrote counts as a recording."""
 
-HEADER_BYTES = 1 << 16
-"""Bytes from the start in which the formats of `EITHER` name the program that wrote the file."""
-
 
 def _located(path: str | os.PathLike[str]) -> Path:
     """Path of a recording, or of the example of this name; a folder with nothing to read does not hide it."""
@@ -177,5 +174,6 @@ def _is_recording(path: Path) -> bool:
         return True
     if not name.endswith(EITHER) or not os.path.isfile(path):
         return False
-    with path.open("rb") as file:
-        return b"lidarscene" not in file.read(HEADER_BYTES)
+    from .point_files import is_own
+
+    return not is_own(path)

@@ -177,7 +177,7 @@ def in_order(packets: Packets, *, azimuth_at: int, stamp_at: int, period_s: floa
     azimuths, stamps_us = np.fromiter(numbers, np.dtype((np.int64, 2)), len(packets)).T
     passed_s = 1e-6 * np.diff(stamps_us)
     passed_s += period_s * np.rint((np.diff(packets.time_s) - passed_s) / period_s)
-    passed_s[passed_s < -LATEST_S] = 0.0  # the clock was set back
+    passed_s[passed_s < -LATEST_S] = period_s  # the clock was set back, where a turn must end
     time_s = np.cumsum(np.r_[0.0, passed_s])
     order = np.argsort(time_s, kind="stable")
     return packets[order], azimuths[order], np.diff(time_s[order])

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from ..errors import InputError, OptionError
+from ..cloud.point_cloud import PointCloud
+from ..errors import InputError, OptionError, OptionWarning, warn
 from ..files.inputs import NOT_HIDDEN, by_numbers
 from ..files.optional import import_optional
 from ..formats.cloud_description import input_errors
@@ -26,6 +29,10 @@ NUSCENES_LEAST_M = 1.0
 with the car as if they were points."""
 
 
+HEADER_BYTES = 1 << 16
+"""Bytes from the start in which formats of clouds name the program that wrote the file."""
+
+
 def rows_of(path: Path, names: tuple[str, ...]) -> Columns:
     """Columns of a file of float32 rows without a header; ValueError unless it holds whole rows."""
     values = np.frombuffer(path.read_bytes(), np.uint8)
@@ -33,6 +40,20 @@ def rows_of(path: Path, names: tuple[str, ...]) -> Columns:
     if len(values) % size:
         raise ValueError(f"must be rows of {size} bytes ({', '.join(names)}), got {len(values)} bytes")
     return dict(zip(names, values.view("<f4").reshape(-1, len(names)).T, strict=True))
+
+
+def is_own(path: Path) -> bool:
+    """Whether lidarscene wrote a file of a cloud: its header says so."""
+    with path.open("rb") as file:
+        return b"lidarscene" in file.read(HEADER_BYTES)
+
+
+def own_cloud(path: Path) -> PointCloud | None:
+    """Cloud that lidarscene wrote, in the sensor's frame; None if it is another's, or another program changed it."""
+    cloud = None
+    with suppress(InputError):
+        cloud = PointCloud.load(path) if is_own(path) else None
+    return None if cloud is None else cloud.in_sensor_frame()
 
 
 def _read_kitti(path: Path) -> tuple[Columns, tuple[int, ...] | None]:
@@ -84,14 +105,28 @@ def open_cloud(path: Path, metadata: Path | None) -> Recording:
     files = [path] if path.is_file() else sorted(filter(suffix_of, path.glob(NOT_HIDDEN)), key=by_numbers)
     if not files:
         raise InputError(f"{path}: must hold files that end in {', '.join(CLOUDS)}, got none")
+    suffixes = sorted({str(suffix_of(file)) for file in files})
+    if len(suffixes) > 1:
+        warn(
+            OptionWarning(
+                "{0}: files of several formats are read as frames of one sensor: {1}", path, ", ".join(suffixes)
+            )
+        )
     recording_metadata = {"format": CLOUDS[str(suffix_of(files[0]))][0], "sensor": "", "frame": "0"}
 
     def read(frame: int) -> Sweep:
         file = files[frame]
         with input_errors(file):
             name, columns_of = CLOUDS[str(suffix_of(file))]
-            columns, shape = columns_of(file)
-            sweep = sweep_of(columns, shape=shape, metadata=recording_metadata | {"format": name, "frame": str(frame)})
+            own = own_cloud(file)
+            if own is None:
+                columns, shape = columns_of(file)
+                placed: dict[str, Any] = {}
+            else:
+                columns, shape = {column.name: own.column(column.name) for column in own.columns}, None
+                placed = {"pose": own.sensor_to_world, "start_s": own.frame_start_s}
+            described = recording_metadata | {"format": name, "frame": str(frame)}
+            sweep = sweep_of(columns, shape=shape, metadata=described, **placed)
         if not sweep.has_return.any():
             raise InputError(f"{file}: must have points, got none")
         return sweep

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Self
+from typing import Self, overload
 
 import numpy as np
 
@@ -35,17 +35,33 @@ class Recording:
     metadata: Mapping[str, str] = field(default_factory=dict)
     unit_json: str = ""
 
+    def __post_init__(self) -> None:
+        """Let no frame be read from a closed file: ouster-sdk would end the process."""
+        close = self.close_file
+
+        def close_file() -> None:
+            object.__setattr__(self, "read", self._read_closed)
+            close()
+
+        object.__setattr__(self, "close_file", close_file)
+
     def __len__(self) -> int:
         return self.count
 
-    def __getitem__(self, frame: int) -> Sweep:
-        """Read the sweep of this number, from 0; from the end if negative.
+    @overload
+    def __getitem__(self, frame: int) -> Sweep: ...
+    @overload
+    def __getitem__(self, frame: slice) -> list[Sweep]: ...
+    def __getitem__(self, frame: int | slice) -> Sweep | list[Sweep]:
+        """Read the sweep of this number, from 0; from the end if negative. Of a slice, read each.
 
         Returns beyond `FARTHEST_M` are damage: they are left out, with an `OptionWarning`.
 
         Raises:
             InputError: beyond the recording
         """
+        if isinstance(frame, slice):
+            return [self[number] for number in range(*frame.indices(self.count))]
         if not -self.count <= frame < self.count:
             raise InputError(f"{self.path}: frame must be 0 to {self.count - 1}, got {frame}")
         return self._plausible(self.read(frame % self.count))
@@ -58,7 +74,6 @@ class Recording:
 
     def __exit__(self, *_: object) -> None:
         self.close_file()
-        object.__setattr__(self, "read", self._read_closed)  # ouster-sdk would end the process
 
     def _read_closed(self, _: int) -> Sweep:
         raise InputError(f"{self.path}: frames must be read before the recording is closed")
@@ -84,7 +99,9 @@ class Recording:
         if not any(mask.any() for mask in too_far):
             return sweep
         if too_far[0][sweep.has_return].all():
-            raise InputError(f"{self.path}: must have points in the sensor's frame, got all beyond {FARTHEST_M:g} m")
+            raise InputError(
+                f"{self.path}: must have points in metres in the sensor's frame, got all beyond {FARTHEST_M:g} m"
+            )
         warn(
             OptionWarning(
                 "{0}: {1} of {2} returns are farther than {3} km and left out",

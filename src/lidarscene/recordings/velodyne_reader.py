@@ -88,8 +88,11 @@ def recording_of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequen
 
 
 def _decode(decoder: Any, scan: Any, packets: Sequence[Packet]) -> tuple[float, Numbers]:
-    """Stamp of the sensor's clock [s], and (n, 8) points."""
-    stamp, points = scan.decode([decoder.VelodynePacket(packet.time_s, packet.payload) for packet in packets])
+    """Stamp of the sensor's clock [s], and (n, 8) points; none without packets, over which the decoder ends Python."""
+    whole = [decoder.VelodynePacket(packet.time_s, packet.payload) for packet in packets if is_velodyne(packet.payload)]
+    if not whole:
+        return 0.0, np.zeros((0, 8))
+    stamp, points = scan.decode(whole)
     return float(stamp.device), np.asarray(points, np.float64)
 
 

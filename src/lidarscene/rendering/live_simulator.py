@@ -125,16 +125,17 @@ class LiveSimulator(Simulator):
 
     @exclusive
     def add(self, name: str, pose: Placed, **motion: Unpack[MotionKeywords]) -> str:
-        """Add a spare copy of a body at a pose, as `place` does, and return the copy's name.
+        """Add a spare copy of a body at a pose, as `place` does, or bring a body back; return its name.
 
         Raises:
             InputError: where no spare is left
         """
         _check_name(name)
-        if name not in self._pools:
+        is_away = name in self._number and self._body(name).away
+        if name not in self._pools and not is_away:
             originals = ", ".join(f"'{original}'" for original in self._pools) or "none"
             raise InputError(f"body '{name}': has no spares; bodies with spares: {originals}")
-        free = next((copy for copy in self._pools[name] if self._body(copy).away), None)
+        free = name if is_away else next((copy for copy in self._pools[name] if self._body(copy).away), None)
         if free is None:
             count = len(self._pools[name]) - 1
             raise InputError(
@@ -145,7 +146,7 @@ class LiveSimulator(Simulator):
 
     @exclusive
     def remove(self, name: str) -> None:
-        """Remove a body from the next frame on. `add` brings it back if it has spares, or is one."""
+        """Remove a body from the next frame on; `add` brings it back."""
         self._require(name)
         self._tracks.pop(name, None)
         self._change({}, absence={name: True})
@@ -287,10 +288,15 @@ class LiveSimulator(Simulator):
 
 @dataclass(slots=True)
 class PoseHistory:
-    """Last poses of a body, at rising times [s]."""
+    """Last poses of a body, at rising times [s].
+
+    Attributes:
+        moved: whether it has ever moved
+    """
 
     times_s: list[float] = field(default_factory=list)
     poses: list[Pose] = field(default_factory=list)
+    moved: bool = False
 
     def check_turn(self, pose: Pose, name: str) -> None:
         """Raise InputError for a turn from the last pose to this one that is too large for a motion."""
@@ -306,6 +312,8 @@ class PoseHistory:
 
     def append(self, time_s: float, pose: Pose) -> None:
         """Add the latest pose."""
+        last = self.poses[-1] if self.poses else pose
+        self.moved |= bool((last.position_m != pose.position_m).any() or (last.rotation != pose.rotation).any())
         self.times_s.append(time_s)
         self.poses.append(pose)
 
@@ -319,15 +327,13 @@ class PoseHistory:
     def motion(self) -> Motion:
         """Motion through the poses: a constant twist from each to the next, at rest before and after.
 
-        Equal poses are a body at rest.
+        One that never moved is at rest; one that waits is not, for labels.
         """
-        first = self.poses[0]
-        if all(
-            np.array_equal(pose.position_m, first.position_m) and np.array_equal(pose.rotation, first.rotation)
-            for pose in self.poses
-        ):
-            return Course(start=first)
-        return HeldAtEnds(motion=Spline(time_s=np.array(self.times_s), poses=tuple(self.poses), smooth=False))
+        if not self.moved:
+            return Course(start=self.poses[0])
+        # Of a single pose left, a motion from it to itself.
+        times_s, poses = [*self.times_s, self.times_s[-1] + 1.0], (*self.poses, self.poses[-1])
+        return HeldAtEnds(motion=Spline(time_s=np.array(times_s), poses=poses, smooth=False))
 
 
 def live_scene(

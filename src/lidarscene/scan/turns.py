@@ -57,6 +57,10 @@ class Turns:
         """The same rotation with another `start`."""
         return replace(self, start=start)
 
+    def turned(self, by_rad: float) -> Turns:
+        """The same rotation, ahead by an angle."""
+        return self.from_start(_signed(self.start + round(by_rad / (2.0 * math.pi) * _WORD)))
+
     def angle_rad(self, pulse: Lanes) -> Lanes:
         """Angle [rad], float32, -pi to pi, at each pulse (32 bits, of NumPy 64)."""
         ops = xp(pulse)

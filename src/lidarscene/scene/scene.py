@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -28,7 +28,7 @@ from ..maths.arrays import Numbers, frozen
 from ..maths.attributes import HintedAttributes
 from ..maths.motion_table import Strides
 from ..maths.pose import Pose, direction_from_angles
-from ..maths.trajectory import ALWAYS, CLOCK_ROUNDING_S, Motion, Riding, States, motion_in_frame, pose_at
+from ..maths.trajectory import ALWAYS, CLOCK_ROUNDING_S, Course, Motion, Riding, States, motion_in_frame, pose_at
 from ..maths.units import FileKey, Quantity
 from ..physics.optics import air
 from ..sensor.pose_file import Placed, pose_keys, to_pose
@@ -236,6 +236,11 @@ class Body(HintedAttributes):
             return self.parts
         phase, level = walk(np.array([time_s]), states)[0].tolist()
         return tuple(part.posed(phase, level) if isinstance(part, Part) else part for part in self.parts)
+
+    @property
+    def moves(self) -> bool:
+        """Whether it has a motion that is not one at rest for ever: true of what waits."""
+        return self.motion is not None and not (isinstance(self.motion, Course) and self.motion.rests)
 
     def rides_with(self, ego: Motion | None) -> bool:
         """Whether the body is fixed to the ego vehicle, whose motion this is."""
@@ -547,6 +552,7 @@ class Scene(HintedAttributes):
             mesh = catalog.path_of("meshes", mesh)
             known = {"name": mesh.stem} | catalog.shipped_meshes().get(mesh.stem, {})
         name = name or known.get("name", "body")
+        free = _free(name, {body.name for body in self.bodies})
         pieces = pieces_of_object(mesh, "scene.add")
         materials = dict(self.materials)
         parts = []
@@ -559,8 +565,10 @@ class Scene(HintedAttributes):
                         "scene.add: the mesh has no colour of its own and must have a material, as in "
                         "scene.add(mesh, 'brick'), got none"
                     )
-                colour_of = name if len(pieces) == 1 else f"{name}, {piece.keys[0]}"
-                chosen = grey_material(f"colour of {colour_of}", piece.grey)
+                colour_of = f"colour of {free if len(pieces) == 1 else f'{free}, {piece.keys[0]}'}"
+                chosen = grey_material(colour_of, piece.grey)
+                others = [key for key, made in materials.items() if asdict(made) != asdict(replace(chosen, name=key))]
+                chosen = replace(chosen, name=_free(colour_of, others))
             parts.append(
                 Part(
                     vertices_m=piece.vertices_m,
@@ -571,8 +579,6 @@ class Scene(HintedAttributes):
                     cutout=piece.cutout,
                 )
             )
-        taken = {body.name for body in self.bodies}
-        free = name if name not in taken else next(n for i in itertools.count(2) if (n := f"{name} {i}") not in taken)
         body = Body(name=free, class_name=class_name or known.get("class", name), parts=tuple(parts), pose=placed)
         if isinstance(mesh, str | os.PathLike):
             body = body.made_from(_of_mesh_file(body, Path(mesh)))
@@ -618,6 +624,11 @@ class Scene(HintedAttributes):
             "sensor": f"{self.sensor_name} at {x:g}, {y:g}, {z:g} m",
         }
         return facts_by_name | ({"base": str(self.base)} if self.base else {})
+
+
+def _free(name: str, taken: Collection[str]) -> str:
+    """Return a name, with a number if it is taken."""
+    return name if name not in taken else next(n for i in itertools.count(2) if (n := f"{name} {i}") not in taken)
 
 
 def add_material(materials: dict[str, Material], chosen: str | Material, where: str) -> str:

@@ -55,17 +55,19 @@ _HAIDER = "; Haider et al., Sensors 22, 7556, 2022, reach on known targets: "
 LIMITS = {
     # Of a twin beside its recording.
     "beam direction": Limits(None, 0.01, f"{_CHOICE}: median angle between beams, degrees"),
+    "ring direction": Limits(None, 0.02, f"{_CHOICE}: degrees; packets have azimuths in steps of 0.01"),
     "range bias": Limits(-10.0, 10.0, f"{_CHOICE}: median on smooth surfaces, mm{_HAIDER}2 cm"),
     "nearer returns": Limits(None, 0.02, f"{_CHOICE}: share, of edges between two columns"),
     "points": Limits(-0.05, 0.05, f"{_CHOICE}: relative difference{_HAIDER}8.5 %"),
     "points of a ring": Limits(-0.10, 0.10, f"{_CHOICE}: relative difference of any ring"),
     "returns kept": Limits(0.95, None, f"{_CHOICE}: share of the recorded returns"),
-    "losses kept": Limits(None, 0.50, f"{_CHOICE}: share of the recorded losses on surfaces"),
+    "losses kept": Limits(None, 0.50, f"{_CHOICE}: share of the recorded losses"),
+    "losses kept again": Limits(None, 0.10, f"{_CHOICE}: excess over the recorded share of other turns or columns"),
     "kept share": Limits(-0.05, 0.05, f"{_CHOICE}: difference in any octave of the range, pixel by pixel at rest"),
     "told apart": Limits(None, 0.7, f"{_CHOICE}: balanced accuracy; two recorded frames at rest have 0.50 to 0.52"),
     "disagreement": Limits(None, 0.03, f"{_CHOICE}: excess over the disagreement of two recorded frames"),
     "farthest ground": Limits(-0.15, 0.15, f"{_CHOICE}: relative difference of the 99.9 % quantile"),
-    "clusters": Limits(0.8, None, f"{_CHOICE}: two frames of a recording at rest share 0.8 to 1"),
+    "clusters": Limits(0.8, None, f"{_CHOICE}: share, over that of the recorded pulses that the twin is made of"),
     "second returns": _either_way(1.5, f"{_CHOICE}: ratio of the shares"),
     "second separation": Limits(-0.15, 0.15, f"{_CHOICE}: relative difference of the least separation"),
     # Of twins, fits and the catalogue.

@@ -4,13 +4,12 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import chain, photons
+from helpers import chain, photons, trains
 from helpers.mistakes import told
 from helpers.run_seed import chosen
 
 from lidarscene import Simulator
 from lidarscene.detection import receiver
-from lidarscene.kernel.device import transfer
 from lidarscene.maths.pose import Pose
 from lidarscene.physics.photon_counting import shared_shots
 from lidarscene.rendering.render_options import FrameOptions
@@ -207,15 +206,7 @@ def test_numpy_and_device_share_the_same_noise(mi):
     counter = head()
     light = walls(counter, 150.0, count=3_000, illuminance_klux=2.0)
     host = photons.detect(light, counter, seed=4).stops[0]
-    arrays = {
-        name: transfer.from_numpy(getattr(light, name)) for name in ("range_m", "peak_power_w", "background_power_w")
-    }
-    on_device = dataclasses.replace(light, has_surface=arrays["range_m"] > 0.0, **arrays)
-    device = transfer.fetch(
-        receiver.detect(
-            on_device, transfer.opaque(counter), seed=transfer.seed_word(4), pulse=transfer.counter(0, 3_000)
-        )
-    ).stops[0]
+    device = trains.detect_on_device(light, counter, seed=4).stops[0]
     both = photons.echo_of(host) & photons.echo_of(device)
     assert both.mean() > 0.95
     assert (np.abs(np.asarray(host.range_m) - np.asarray(device.range_m))[both] < 1e-3).mean() > 0.99

@@ -35,45 +35,6 @@ def trace_bodies(*bodies, interactions=3, materials=MATERIALS, overrides=(), **s
 CLOSE = {"rel": 2e-5}
 
 
-@pytest.mark.parametrize(("theta_deg", "panes"), [(0.0, 1), (30.0, 1), (60.0, 1), (75.0, 1), (0.0, 2), (60.0, 3)])
-def test_a_board_behind_panes(theta_deg, panes):
-    """Each pane takes T(theta) there and T(theta) back; the range stays what it was."""
-    board = chain.facing(range_m=50.0)
-    free = trace_bodies(board)
-    lanes = trace_bodies(board, *(pane(10.0 + 8.0 * k, theta_deg, size_m=20.0) for k in range(panes)))
-    t = 1.0 - both_sides(math.cos(math.radians(theta_deg)))
-    echo, hits = lanes.light_of_ways[0], lanes.hits
-    assert echo.peak_power_w[MIDDLE] / free.light.peak_power_w[MIDDLE] == pytest.approx(t ** (2 * panes), **CLOSE)
-    assert hits.throughput[MIDDLE] == pytest.approx(t**panes, **CLOSE)
-    assert hits.interactions[MIDDLE] == panes
-    assert not hits.mirrored[MIDDLE]
-    np.testing.assert_allclose(hits.range_m, free.hits.range_m, rtol=1e-6)
-    np.testing.assert_array_equal(hits.face >= 0, True)
-
-
-def test_a_pane_mirrors_a_board_beside():
-    """The second way of a pane at 45 degrees goes to the left: its echo is that of a board at the whole length, times
-    R^2.
-    """
-    lanes = trace_bodies(pane(10.0, -45.0), board_beside(5.0), chain.facing(range_m=50.0))
-    direct = trace_bodies(chain.facing(range_m=15.0))
-    r = both_sides(math.cos(math.radians(45.0)))
-    way, echo = lanes.ways[1], lanes.light_of_ways[1]
-    assert way.range_m[MIDDLE] == pytest.approx(15.0, rel=1e-6)
-    assert way.cos_incidence[MIDDLE] == pytest.approx(1.0, abs=1e-6)
-    assert echo.peak_power_w[MIDDLE] / direct.light.peak_power_w[MIDDLE] == pytest.approx(r**2, **CLOSE)
-    assert way.mirrored[MIDDLE]
-    assert way.interactions[MIDDLE] == 1
-    assert lanes.ways[0].range_m[MIDDLE] == pytest.approx(50.0, rel=1e-6)
-
-
-def test_nothing_is_lost_at_a_clear_pane():
-    """T + R = 1 at every angle."""
-    for theta in (0.0, 45.0, 80.0, 89.0):
-        lanes = trace_bodies(pane(10.0, theta, size_m=8.0), chain.facing(range_m=50.0))
-        assert sum(way.throughput[MIDDLE] for way in lanes.ways) == pytest.approx(1.0, abs=1e-6)
-
-
 @pytest.mark.parametrize(
     ("theta_deg", "moves"), [(0.0, False), (40.0, False), (60.0, False), (75.0, False), (60.0, True)]
 )
@@ -150,7 +111,6 @@ def test_a_beam_that_passes_into_the_sky():
 def test_background_is_what_is_behind_and_what_is_mirrored():
     """T times the board's radiance rho E / pi, R times the sky's E / pi."""
     board = chain.facing(range_m=50.0)
-    lanes, free = trace_bodies(board, pane(10.0, 30.0), klux=100.0, sky=0.3), trace_bodies(board, klux=100.0, sky=0.3)
     dark = Sun(azimuth_rad=0.0, elevation_rad=math.radians(-60.0))
     lanes = trace_bodies(board, pane(10.0, 30.0), sun=dark, sky=0.3)
     free = trace_bodies(board, sun=dark, sky=0.3)

@@ -102,26 +102,6 @@ def normal_of(yaw_deg, roll_deg):
     return -turn[:, 0]
 
 
-@pytest.mark.parametrize("angle_deg", [0.0, 90.0, 37.0])
-@pytest.mark.parametrize("theta_deg", [0.0, 40.0, 62.0])
-def test_one_pane(theta_deg, angle_deg):
-    """A pane that turns about the upright: light that swings level is in the plane of incidence."""
-    theta = max(math.radians(theta_deg), 1e-6)
-    inside = math.asin(math.sin(theta) / INDEX)
-    faces = (
-        (math.sin(theta - inside) / math.sin(theta + inside)) ** 2,
-        (math.tan(theta - inside) / math.tan(theta + inside)) ** 2,
-    )
-    t_s, t_p = ((1.0 - r) / (1.0 + r) for r in faces)  # of a pane without absorption
-    level = math.cos(math.radians(angle_deg)) ** 2
-    board = chain.facing(range_m=50.0)
-    ratio = (
-        trace(board, turned_pane(10.0, theta_deg, 0.0), angle_deg=angle_deg).light.peak_power_w[MIDDLE]
-        / trace(board).light.peak_power_w[MIDDLE]
-    )
-    assert ratio == pytest.approx((level * t_p + (1.0 - level) * t_s) * 0.5 * (t_s + t_p), **CLOSE)
-
-
 @pytest.mark.parametrize("material", ["grey", "retroreflective_sheeting"])
 @pytest.mark.parametrize(("angle_deg", "share"), chosen(2, [(0.0, 1.0), (25.0, 1.0), (110.0, 0.6), (0.0, 0.0)]))
 def test_three_panes_by_their_fields(material, angle_deg, share):

@@ -91,6 +91,8 @@ def test_beam_and_sun_see_the_same_relief():
 def test_more_light_than_came_is_an_error():
     with told("'road' | reflectivity | <= 0.865 | facet_slope_deg | 40 | 0.9"):
         bsdfs.bsdf_dict(VALUES | {"reflectivity": 0.9})
+    with told("'road' | reflectivity | <= 0.519 | facet_slope_deg | 40 | 0.6"):
+        bsdfs.bsdf_dict(VALUES | {"reflectivity": 0.6, "transmittance": 0.4})
 
 
 def test_a_density_is_one_over_all_directions(mi):

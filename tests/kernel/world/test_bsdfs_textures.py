@@ -98,19 +98,21 @@ def test_bodies_share_a_mesh_and_keep_their_values():
         np.testing.assert_allclose(lanes.hits.reflectivity, 0.7 if len(order) == 2 else 0.3, rtol=1e-6)
 
 
-def test_no_more_light_than_came():
-    """A rough surface of 30 degrees cannot have 1: the values end where the energy does."""
+@pytest.mark.parametrize("transmittance", [0.0, 0.4])
+def test_no_more_light_than_came(transmittance):
+    """A rough surface of 30 degrees cannot have 1, nor what it transmits: the values end where the energy does."""
+    material = dataclasses.replace(ROUGH, parameters={"facet_slope_deg": 30.0, "transmittance": transmittance})
     lanes = chain.run_stages(
         chain.scene(
-            wall(lambda p: ReflectivityPattern(kind="reflectivity", values=np.ones(len(p))), material=ROUGH),
-            materials=(ROUGH,),
+            wall(lambda p: ReflectivityPattern(kind="reflectivity", values=np.ones(len(p))), material=material),
+            materials=(material,),
         ),
         SENSOR,
     )
     relief = 0.45 * math.radians(30) ** 2 / (math.radians(30) ** 2 + 0.09)
     relief /= 1.0 - 0.5 * math.radians(30) ** 2 / (math.radians(30) ** 2 + 0.33)
     limit = 1.0 / (1.0 + relief * (0.5 - 2.0 / (3.0 * math.pi)))
-    np.testing.assert_allclose(lanes.hits.reflectivity, limit, rtol=1e-5)
+    np.testing.assert_allclose(lanes.hits.reflectivity, (1.0 - transmittance) * limit, rtol=1e-5)
 
 
 def test_only_diffuse_materials_vary():

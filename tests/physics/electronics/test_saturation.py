@@ -40,19 +40,6 @@ def test_width_of_the_waveform(signal, recovery_s):
         assert reference_electronics.width_at_level_s(level=level, **pulse) == pytest.approx(above, abs=2e-12)
 
 
-def test_width_grows_with_the_logarithm():
-    """Ten times the overdrive, tau ln 10 longer plus what the Gaussian's own flanks add."""
-    widths = [
-        reference_electronics.width_at_level_s(
-            level=0.1, signal=np.array(s), saturation=1.0, fwhm_s=FWHM_S, recovery_s=20e-9
-        )
-        for s in (10.0, 100.0, 1000.0)
-    ]
-    steps = np.diff(widths) - 20e-9 * np.log(10.0)
-    assert (steps > 0.0).all()
-    assert (steps < 5e-9).all()
-
-
 @pytest.mark.parametrize("range_m", [5.0, 20.0, 50.0])
 def test_walk_bias_of_shots(range_m):
     """Reference: the mean of a frame's ranges, through `detection.receiver.detect`.
@@ -228,30 +215,13 @@ def test_a_full_sipm_tells_the_power_of_half_a_cell_less():
 
 def test_width_of_noise_peaks():
     """Their mean is the time above the threshold over the number of crossings (Rice), to the first order in
-    1 / TNR^2: 1 / 25 at TNR 5. And a trace of band-limited noise, crossing by crossing, to 5 %.
+    1 / TNR^2: 1 / 25 at TNR 5.
     """
     rate, tnr = 167e6, 5.0
     heights = tnr + np.random.default_rng(1).exponential(1.0 / tnr, 200_000)
     mean_s = tdc.excursion_width_s(height=heights, threshold=tnr, bandwidth_hz=rate).mean()
     rice = norm.sf(tnr) / tdc.rice_rate_hz(threshold=tnr, noise=1.0, bandwidth_hz=rate)
     assert mean_s == pytest.approx(rice, rel=1.0 / tnr**2)
-    random, samples, oversampled = np.random.default_rng(2), 1 << 22, 16
-    spectrum = np.zeros(samples // 2 + 1, complex)
-    band = samples // (2 * oversampled)
-    spectrum[1 : band + 1] = random.standard_normal(band) + 1j * random.standard_normal(band)
-    noise = np.fft.irfft(spectrum)
-    noise /= noise.std()
-    level = 3.5
-    above = noise > level
-    starts = np.flatnonzero(above[1:] & ~above[:-1]) + 1
-    ends = np.flatnonzero(above[:-1] & ~above[1:]) + 1
-    ends = ends[ends > starts[0]]
-    starts = starts[: len(ends)]
-    step_s = 1.0 / (2.0 * oversampled * rate)
-    peaks = np.array([noise[a:b].max() for a, b in zip(starts, ends, strict=True)])
-    expected = tdc.excursion_width_s(height=peaks, threshold=level, bandwidth_hz=rate)
-    assert len(peaks) > 100
-    assert expected.mean() == pytest.approx(step_s * (ends - starts).mean(), rel=0.05)
 
 
 @pytest.mark.parametrize("recovery_ns", [1.0, 8.0])

@@ -1,5 +1,7 @@
 """The rising edge of a count of SiPM cells."""
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy.stats import norm
@@ -7,8 +9,9 @@ from scipy.stats import norm
 from lidarscene.physics.electronics.sipm_edge import CountEdge
 
 
-@pytest.mark.parametrize("dead", [2.5, 5.0, 20.0, 80.0])
-@pytest.mark.parametrize("rate", [1e-3, 0.02, 0.1, 0.3])
+@pytest.mark.parametrize(
+    ("dead", "rate"), [*itertools.product((2.5, 5.0, 20.0, 80.0), (1e-3, 0.02, 0.1, 0.3)), (5.0, 1.0)]
+)
 def test_the_peak_is_where_the_count_is_highest(dead: float, rate: float) -> None:
     """Reference: a search. On a plateau the place is not sharp: within 0.6 % of the height."""
     numbers = {"sigma_s": 1.0, "rate_hz": rate, "dead_time_s": dead, "busy": 100.0, "free": 900.0, "variance": 0.09}

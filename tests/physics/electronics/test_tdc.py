@@ -43,16 +43,6 @@ def test_times_are_rounded_to_the_nearest_step() -> None:
     np.testing.assert_array_equal(tdc.quantise(time_s=time_s, least_significant_bit_s=0.0), time_s)
 
 
-def test_correct_returns_by_a_race_of_comparisons() -> None:
-    """(10): M - 1 quiet comparisons, then the target's; of the shots in which anything is reported, those with the
-    target. 1 - P_f is 0.9 and M is 4: all 2^4 outcomes by hand.
-    """
-    quiet = 0.9**3
-    reported = 1.0 - quiet * (1.0 - 0.6)
-    probability = tdc.correct_probability(p_false=0.1, p_detect=0.6, comparisons=4.0)
-    assert probability == pytest.approx(quiet * 0.6 / reported, rel=1e-12)
-
-
 @pytest.mark.parametrize(("kappa_1", "kappa_2"), [(0.5, 0.0), (0.7, -2e-3), (0.0, -4e-3)])
 def test_the_crossing_level_solves_its_equation(kappa_1: float, kappa_2: float) -> None:
     """s + z sigma(s) = U, for cells too, whose noise falls as they fill."""

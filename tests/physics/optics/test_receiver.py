@@ -161,23 +161,6 @@ def test_near_and_far():
     assert share[1] == pytest.approx((field * 0.5 / 0.015) ** 2, rel=1e-3)
 
 
-def test_blind_below():
-    """A top hat side by side: nothing from below the blind range, something beyond."""
-    measures = {"offset_m": 0.06, "exit_radius_m": 0.0, "aperture_radius_m": 0.015}
-    blind = reference_optics.blind_range_m(field_rad=1.7e-3, edge_rad=1.5e-3, **measures)
-    assert blind == pytest.approx(0.045 / 3.2e-3)
-    overlap = Overlap.from_geometry(
-        OverlapGeometry(
-            spot=Spot(profile="top_hat", half_divergence_rad=1.5e-3, exit_radius_m=0.0),
-            aperture_radius_m=0.015,
-            field_rad=1.7e-3,
-            alignment=Alignment(offset_m=0.06),
-        )
-    )
-    near, far = overlap.share(np.array([0.98 * blind, 1.1 * blind]))
-    assert near == 0.0 < far
-
-
 def test_scattered_light():
     """Rationale: where the spot is outside of the field there is the scattered share alone, else it takes part of 1."""
     beam = Spot(profile="top_hat", half_divergence_rad=1.5e-3, exit_radius_m=0.0)

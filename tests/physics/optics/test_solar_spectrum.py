@@ -102,17 +102,6 @@ def test_flat_spectrum(centre: float, width: float, value: float) -> None:
     assert sun.in_band_irradiance_w_m2(light, smooth) == pytest.approx(expected, rel=1e-6)
 
 
-@given(low=st.floats(850, 940), first=st.floats(0.1, 60), more=st.floats(0.1, 60))
-@settings(max_examples=40)
-def test_bands_add_up_and_wider_is_more(low: float, first: float, more: float) -> None:
-    """Rationale: the integral is exact, so two boxes side by side are one."""
-    lower = band("global", low + 0.5 * first, first)
-    upper = band("global", low + first + 0.5 * more, more)
-    whole = band("global", low + 0.5 * (first + more), first + more)
-    assert whole == pytest.approx(lower + upper, rel=1e-9)
-    assert whole > lower
-
-
 def test_gaussian_at_half_height() -> None:
     """The full width at half maximum is the width; the equivalent width is sqrt(pi / ln2) / 2 of it."""
     curve = sun.gaussian_filter(centre_m=905 * NM, width_m=40 * NM)

@@ -30,8 +30,7 @@ def test_a_raw_histogram_is_that_of_photons_that_arrive_one_by_one(dead_ns):
     rng, shots, bins, bin_ns = np.random.default_rng(0), 100_000, 80, 1.0
     light = {"rate_per_ns": 0.063, "echo": (0.8, 40.3, 2.0)}
     once = math.isinf(dead_ns)
-    times = photons.arrivals(rng, shots, start=0.0 if once else -120.0, end=bins * bin_ns, **light)
-    counts = photons.histogram(photons.firing_times(times, dead_ns), bins=bins, bin_ns=bin_ns)
+    (counts,) = photons.renewal_counts(rng, (1, shots), **light, dead=dead_ns, bins=bins, bin_ns=bin_ns)
     share = dead_time.firing_shares(
         course(**light, bins=bins, bin_ns=bin_ns),
         bin_s=1e-9 * bin_ns / FINE,
@@ -134,10 +133,7 @@ def test_coates_correction_gives_the_light_back(mean, dead_ns):
     """
     rng, trials, bins = np.random.default_rng(11), 300_000, 60
     light = {"rate_per_ns": 0.01, "echo": (mean, 30.0, 2.0)}
-    counts = np.zeros(bins)
-    for _ in range(2):
-        times = photons.arrivals(rng, trials // 2, start=0.0, end=float(bins), **light)
-        counts += photons.histogram(photons.firing_times(times, dead_ns), bins=bins, bin_ns=1.0)
+    (counts,) = photons.renewal_counts(rng, (1, trials), **light, dead=dead_ns, bins=bins, bin_ns=1.0)
     corrected = reference_photon_counting.coates(
         counts, trials=trials, dead_bins=None if math.isinf(dead_ns) else dead_ns
     )

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from helpers.documentation import says
 from scipy.special import jv
 
 from lidarscene.physics.weather import glory, mie, precipitation
@@ -63,8 +62,6 @@ def test_lens_of_25_mm(range_m: float, low: float, high: float) -> None:
     diameter = np.linspace(0.2e-3, 0.4e-3, 41)
     gain = glory.gain(diameter_m=diameter, wavelength_m=WAVELENGTH_M, within_rad=np.array(0.0125 / range_m))
     assert low < gain.mean() < high
-    three = gain[[0, 20, 40]]
-    says("theory.md", f"{{}} to {{}} at {range_m:g} m", three.min(), three.max())
 
 
 def test_mean_over_a_lens() -> None:

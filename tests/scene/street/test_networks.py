@@ -5,6 +5,7 @@ import math
 import re
 import shutil
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -131,6 +132,44 @@ def test_what_sumo_drops_is_said(town: tuple[Path, Path], tmp_path: Path) -> Non
     (tmp_path / "town.rou.xml").write_text(f"<routes>{late}{early}</routes>")
     with pytest.warns(OptionWarning, match=r"town\.sumocfg: sumo left out .*sorted.*'early_1'!, and 1 more"):
         network_scene(tmp_path / "town.sumocfg", "sumo", StreetFile())
+
+
+def test_a_person_may_have_the_name_of_a_vehicle(town: tuple[Path, Path], tmp_path: Path) -> None:
+    """As the trips and walks that SUMO's randomTrips.py draws do: nobody is lost, and a vehicle carries the sensor."""
+    for path in town[0].parent.glob("town.*"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    trips = "".join(f'<trip id="{number}" depart="0" from="A0B0" to="B1A1" departPos="20"/>' for number in (0, 1))
+    walks = "".join(f'<person id="{n}" depart="0"><walk from="A0B0" to="B0B1"/></person>' for n in (0, 1))
+    (tmp_path / "town.rou.xml").write_text(f"<routes>{trips}{walks}</routes>")
+    scenario = sumo.read_scenario(tmp_path / "town.sumocfg")
+    own, others = sumo.simulate(scenario, ego=None, shown_m=100.0, folder=tmp_path)
+    assert own.kind == "passenger"
+    kinds = sorted((user.kind, user.name) for user in others)
+    assert kinds == [("passenger", "10"[int(own.name)]), ("pedestrian", "0"), ("pedestrian", "1")]
+
+
+@pytest.mark.parametrize("name", ["waits", "blocks"])
+def test_who_is_moved_elsewhere_does_not_drive_there(town: tuple[Path, Path], tmp_path: Path, name: str) -> None:
+    """A car behind one that stands for long: SUMO moves it beyond, by 39 m at once. Its drive ends, or it is another
+    one from there on; nobody is faster than 1.2 times the 13.89 m/s of the streets, as SUMO's drivers are.
+    """
+    for path in town[0].parent.glob("town.*"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    stop = '<stop lane="A0B0_1" startPos="60" endPos="70" duration="300"/>'
+    blocks = f'<vehicle id="blocks" depart="0"><route edges="A0B0 B0B1 B1A1"/>{stop}</vehicle>'
+    waits = '<trip id="waits" depart="5" from="A0B0" to="B1A1"/>'
+    (tmp_path / "town.rou.xml").write_text(f"<routes>{blocks}{waits}</routes>")
+    path = tmp_path / "town.sumocfg"
+    path.write_text(
+        path.read_text().replace("</time>", '</time><processing><time-to-teleport value="10"/></processing>')
+    )
+    told_so = pytest.warns(OptionWarning, match="its drive ends after 21 s, when sumo moves 'waits'")
+    with told_so if name == "waits" else nullcontext():
+        own, others = sumo.simulate(sumo.read_scenario(path), ego=name, shown_m=200.0, folder=tmp_path)
+    assert sorted(user.name for user in others) == (["blocks"] if name == "waits" else ["waits", "waits"])
+    for user in (own, *others):
+        time_s, x_m, y_m = np.array(user.rows).T[:3]
+        assert (np.hypot(np.diff(x_m), np.diff(y_m)) / np.diff(time_s)).max() < 16.7
 
 
 def test_outputs_of_a_configuration_change_nothing(town: tuple[Path, Path], tmp_path: Path) -> None:
@@ -505,6 +544,7 @@ def test_every_body_of_drawn_traffic_loads(homes: Tables, tmp_path: Path) -> Non
     --opendrive town.sumocfg | town.sumocfg | netconvert
     --sumo town.rou.xml | town.rou.xml | net-file
     --sumo town.sumocfg --ego nobody | town.sumocfg | 'nobody' | none
+    --sumo town.sumocfg --ego walks | town.sumocfg | 'walks' | none
     --opendrive town.xodr --ego a | --ego | --sumo
     --ego a | --ego | --sumo
     --osm map.osm --length-m 90 | length_m | --osm

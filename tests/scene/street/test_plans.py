@@ -68,7 +68,9 @@ def test_a_bend_turns_by_its_angle_with_its_radius_and_alike_from_both_ends(angl
 @pytest.mark.parametrize("seed", range(3))
 def test_a_winding_street_has_the_bends_that_are_asked_for_and_never_meets_itself(seed: int) -> None:
     file = StreetFile(bend_deg=(20.0, 50.0), bend_radius_m=(30.0, 80.0), bend_spacing_m=(20.0, 90.0))
-    line = lines.wind(file, -100.0, 1500.0, np.random.default_rng(seed))
+    line = lines.wind(file, -100.0, 1500.0, 9.0, np.random.default_rng(seed))
+    wide = lines.wind(file, -100.0, 1500.0, 80.0, np.random.default_rng(seed))
+    assert wide.sharpest_per_m(-100.0, 1500.0) == pytest.approx(1.0 / (1.1 * 80.0))  # or its pavements would fold
     np.testing.assert_allclose(line.node_m[[0, -1]], [-100.0, 1500.0])
     straights = [piece for piece in line.pieces if piece[1] == piece[2] == 0.0]
     assert all(20.0 <= length_m <= 90.0 for length_m, *_ in straights[:-1])
@@ -126,7 +128,7 @@ def test_the_way_along_a_lane_is_that_of_its_places_and_leads_back(left_m: float
     radii_m, turns_deg = (20.0, 20.0), (60.0, 60.0)
     file = StreetFile(length_m=400.0, loop=loop, bend_spacing_m=(5.0, 10.0), bend_radius_m=radii_m, bend_deg=turns_deg)
     random = np.random.default_rng(3)  # of which Newton's steps from afar go to and fro
-    line = lines.close(file, 8.0, random) if loop else lines.wind(file, -20.0, 420.0, random)
+    line = lines.close(file, 8.0, random) if loop else lines.wind(file, -20.0, 420.0, 8.0, random)
     way_m = np.arange(0.0, 800.0 if loop else 400.0, 0.1)
     chord_m = np.hypot(*np.diff(line.at(way_m, np.full(len(way_m), left_m))[:, :2], axis=0).T)
     beside_m = line.way_beside_m(way_m, left_m)
@@ -277,6 +279,20 @@ def test_people_walk_as_far_to_the_one_end_of_a_block_as_to_the_other() -> None:
     assert with_people >= 2 * len(layout.blocks) - 2
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_people_keep_apart_on_the_inner_side_of_bends(seed: int) -> None:
+    """Though 5 m along the middle of a wide street are 1.4 m there: a pram and who pushes it are 1.9 m long."""
+    keys = {"bend_radius_m": (20.0, 20.0), "bend_spacing_m": (20.0, 30.0), "walking_spacing_m": (5.0, 5.0)}
+    layout = laid.lay_out(StreetFile(length_m=60.0, shown_m=50.0, lanes=2, pavement_m=6.0, seed=seed, **keys))
+    tracks = list(driven._walking_tracks(layout, np.arange(0.0, 60.0, 2.0), np.random.default_rng(seed)))
+    assert len(tracks) > 20
+    x_m, y_m = np.array([track.x_m for track in tracks]), np.array([track.y_m for track in tracks])
+    place_m = layout.line.at(x_m.ravel(), y_m.ravel())[:, :2].reshape(*x_m.shape, 2)
+    apart_m = np.hypot(*np.moveaxis(place_m[:, None] - place_m, -1, 0))
+    of_one_way = (np.abs(y_m[:, None] - y_m) < 0.01) & ~np.eye(len(tracks), dtype=bool)[..., None]
+    assert apart_m[of_one_way].min() > 1.9
+
+
 def test_vehicles_begin_eight_metres_apart_whatever_their_lengths() -> None:
     keys = {"ahead": 5, "behind": 5, "bend_deg": (0.0, 0.0), "oncoming_gap_m": (5.0, 10.0)}
     layout, lengths_m = laid.lay_out(StreetFile(length_m=60.0, shown_m=50.0, **keys)), []
@@ -285,6 +301,17 @@ def test_vehicles_begin_eight_metres_apart_whatever_their_lengths() -> None:
             assert (-np.diff(lane.front_m) - lane.lengths_m[:-1]).min() > 8.0 - 1e-9
             lengths_m += lane.lengths_m.tolist()
     assert max(lengths_m) > 14.0
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_who_wants_to_drive_fast_begins_where_one_can_brake(seed: int) -> None:
+    """At 40 m/s behind cyclists at 18 m/s, at random places, nobody drives through another."""
+    keys = {"speed_m_s": (40.0, 40.0), "oncoming_gap_m": (5.0, 15.0), "ahead": 5, "behind": 5}
+    layout = laid.lay_out(StreetFile(length_m=60.0, shown_m=50.0, bend_deg=(0.0, 0.0), lanes=2, **keys))
+    for lane in driven._fill_lanes(layout, np.random.default_rng(seed)):
+        for _ in range(200):
+            lane.step([], 1e6)
+            assert (lane.front_m[:-1] - lane.lengths_m[:-1] - lane.front_m[1:]).min() > 0.0
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
@@ -448,9 +475,9 @@ def test_who_turns_round_has_a_pose_between() -> None:
 
 def test_a_vehicle_of_sumo_has_its_middle_behind_its_front() -> None:
     """Angles are clockwise from north: 90 is east."""
-    thing = ElementTree.Element("vehicle", {"type": "bus", "x": "10", "y": "5", "angle": "90", "z": "2"})
-    kind, length_m, pose = sumo._placed(thing, {"bus": ("bus", 12.0)})
-    assert (kind, length_m) == ("bus", 12.0)
+    keys = {"type": "bus", "x": "10", "y": "5", "angle": "90", "z": "2", "speed": "7.5"}
+    kind, length_m, speed_m_s, pose = sumo._placed(ElementTree.Element("vehicle", keys), {"bus": ("bus", 12.0)})
+    assert (kind, length_m, speed_m_s) == ("bus", 12.0, 7.5)
     np.testing.assert_allclose(pose, (4.0, 5.0, 0.0, 2.0), atol=1e-12)
 
 
@@ -476,7 +503,7 @@ def test_who_rolls_in_sumo_rolls(tmp_path: Path) -> None:
     (tmp_path / "a.rou.xml").write_text('<routes><vType id="rolls" vClass="wheelchair"/><vType id="slow"/></routes>')
     types = sumo._types([tmp_path / "a.rou.xml"])
     people = [ElementTree.Element("person", {"type": kind, "x": "10", "angle": "90"}) for kind in ("rolls", "slow")]
-    (kind, length_m, pose), (other, _, its_pose) = (sumo._placed(thing, types) for thing in people)
+    (kind, length_m, _, pose), (other, _, _, its_pose) = (sumo._placed(thing, types) for thing in people)
     assert (kind, length_m, other) == ("wheelchair", 1.2, "pedestrian")
     assert (pose[0], its_pose[0]) == pytest.approx((9.4, 10.0 - 0.5 * 0.215))
 
@@ -602,6 +629,15 @@ def test_markings_of_a_network_are_where_lanes_end_and_meet(crossroads: sumo.Net
     edges = of(bodies, "line_")
     assert {body["offset_m"] for body in edges} == {1.55, -1.55, 1.8, -1.8}
     assert all(np.ptp(np.array(body["line"])[:, int("line_4" in body["name"])]) > 20.0 for body in edges)
+
+
+def test_a_line_does_not_turn_back_where_a_lane_has_a_point_near_its_end() -> None:
+    """Lines end 0.2 m before lanes do. As at a lane of esmini's soderleden.xodr, points are nearer to both ends."""
+    lane = road([(0, 1.75, 0), (0.1, 1.75, 0), (40, 1.75, 0), (79.9, 1.75, 0), (80, 1.75, 0)], 3.5)
+    network = sumo.Network([lane], [], [], [], {}, [], [], [])
+    relief = terrain.Relief(np.concatenate(tables._places_on_lanes(network)), 1.0)
+    for body in of(tables._markings(network, relief, []), "line_"):
+        assert np.array(body["line"])[:, 0] == pytest.approx([0.2, 40.0, 79.8])
 
 
 def test_what_stands_by_a_network_faces_the_road_and_stands_off_it(crossroads, relief):

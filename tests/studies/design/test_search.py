@@ -2,14 +2,15 @@
 
 import itertools
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers.run_seed import run_seed
+from helpers.run_seed import chosen, run_seed
 
 from lidarscene.errors import InputError
-from lidarscene.studies.design.designs import Design, DesignSpace, Free
+from lidarscene.studies.design.designs import Base, Design, DesignSpace, Free
 from lidarscene.studies.design.optimum import at_an_end, limits_of
 from lidarscene.studies.design.quantities import probability_of_points
 from lidarscene.studies.design.search import Log, alone, front, losses, search, slacks
@@ -34,8 +35,9 @@ def study(objectives: dict[str, str], bounds: dict[str, dict[str, float]], **set
     )
 
 
-def run(study_file: StudyFile, free: tuple[Free, ...], function: Function) -> list[Design]:
-    return search(Log(study=study_file, space=DesignSpace(bases={}, free=free), evaluate=alone(function)))
+def run(study_file: StudyFile, free: tuple[Free, ...], function: Function, bases: str = "") -> list[Design]:
+    named = {"": [Base(name=name, settings={}) for name in bases]} if bases else {}
+    return search(Log(study=study_file, space=DesignSpace(bases=named, free=free), evaluate=alone(function)))
 
 
 def test_slsqp_finds_a_corner_of_two_constraints() -> None:
@@ -83,7 +85,7 @@ def test_a_choice_at_the_end_of_its_numbers_is_named() -> None:
         assert at_an_end(space, Design(values={"n": n, "kind": "a", "x": x}, quantities={})) == ends
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", chosen(1, range(2)))
 def test_the_front_of_two_objectives(seed: int) -> None:
     """f = x^2 + y^2, g = (x - 1)^2 + y^2: the front is y = 0, sqrt f + sqrt g = 1, its volume below (1, 1) 5/6."""
     indicator = pytest.importorskip("pymoo.indicators.hv")
@@ -100,17 +102,21 @@ def test_the_front_of_two_objectives(seed: int) -> None:
 
 
 def test_whole_numbers_and_choices() -> None:
-    """The best of 10 x 3 x continuous is at n = 7, "b", x = 0.25; every design has whole numbers."""
+    """The best of 10 x 3 x continuous is at n = 7, "b", x = 0.25; every design has whole numbers, and no key of another
+    base than its own.
+    """
     pytest.importorskip("pymoo")
-    free = (Free(key="n", values=tuple(range(10))), Free(key="kind", values=("a", "b", "c")), Free(key="x"))
+    whole, of_a = Free(key="n", values=tuple(range(10))), Free(key="a:m", values=(1, 2))
+    free = (whole, Free(key="sensor", values=("a", "b", "c")), of_a, Free(key="x"))
 
     def function(values: dict[str, float]) -> dict[str, float]:
         assert isinstance(values["n"], int)
-        return {"size": (values["n"] - 7) ** 2 + (values["kind"] != "b") + (values["x"] - 0.25) ** 2}
+        assert ("a:m" in values) == (values["sensor"] == "a")
+        return {"size": (values["n"] - 7) ** 2 + (values["sensor"] != "b") + (values["x"] - 0.25) ** 2}
 
     study_file = study({"size": "minimize"}, {})
-    (best,) = front(study_file, run(study_file, free, function))
-    assert (best.values["n"], best.values["kind"]) == (7, "b")
+    (best,) = front(study_file, run(study_file, free, function, "abc"))
+    assert (best.values["n"], best.values["sensor"]) == (7, "b")
     assert best.values["x"] == pytest.approx(0.25, abs=1e-6)
 
 
@@ -177,12 +183,20 @@ def test_designs_that_cannot_be_are_passed_over() -> None:
 
 
 def test_the_front_is_what_no_other_beats() -> None:
-    """300 designs of three objectives on a coarse lattice, so that many are equal, against every pair compared."""
+    """60 designs of three objectives on a coarse lattice, so that many are equal, against every pair compared.
+
+    Each stands there once more, worse by a ten millionth in one and better in another, as SLSQP ends beside a start.
+    """
     study_file = study({"a": "minimize", "b": "maximize", "c": "minimize"}, {"low": {"at_most": 0.8}})
-    numbers = np.random.default_rng(1).integers(0, 6, (300, 4)) / 5.0
+    numbers = np.random.default_rng(1).integers(1, 7, (60, 4)) / 5.0
     tried = [
         Design(values={"x": float(k)}, quantities=dict(zip("abc", row[:3], strict=True)) | {"low": row[3]})
         for k, row in enumerate(numbers)
+    ]
+    nudge = {"a": 1.0 + 1e-7, "b": 1.0, "c": 1.0 - 1e-7, "low": 1.0}
+    beside = [
+        replace(design, quantities={name: nudge[name] * value for name, value in design.quantities.items()})
+        for design in tried
     ]
     feasible = [design for design in tried if slacks(study_file, design)["low at most 0.8"] >= 0.0]
     points = {tuple(losses(study_file, design)) for design in feasible}
@@ -190,7 +204,8 @@ def test_the_front_is_what_no_other_beats() -> None:
     def is_beaten(point: tuple[float, ...]) -> bool:
         return any(other != point and all(b <= a for a, b in zip(point, other, strict=True)) for other in points)
 
-    best = [tuple(losses(study_file, design)) for design in front(study_file, tried)]
+    best = [tuple(np.round(losses(study_file, design), 5)) for design in front(study_file, tried + beside)]
+    assert len(best) > 3
     assert best == sorted(set(best)), "by the first objective"
     assert set(best) == {point for point in points if not is_beaten(point)}
 

@@ -59,14 +59,6 @@ def test_snr_falls_through_the_threshold_at_the_maximum_range(log):
     assert first.falls
 
 
-@pytest.mark.parametrize("probability", [0.5, 0.9])
-def test_the_limit_over_the_distance_is_the_range(probability):
-    swept = swept_over("distance", quantity="pd", probability=probability)
-    assert [limit.value for limit in swept.detection_limits] == pytest.approx([probability] * 2, abs=1e-8)
-    ranges = [plane.detection_range_m(subject.sensor(), Target(), probability)[0] for subject in BOTH]
-    assert [limit.place for limit in swept.detection_limits] == pytest.approx(ranges, rel=1e-9)
-
-
 def test_limit_along_a_parameter():
     """The power at which 350.605 m becomes the limit is Table 1's."""
     swept = swept_over("laser.peak_power_w", BOTH[:1], quantity="snr", distance_m=350.604565, probability=0.5)
@@ -115,12 +107,6 @@ def test_a_jump_is_no_crossing():
 # --- values -----------------------------------------------------------------------------------------
 
 
-def test_distance_is_the_snr_of_ranging():
-    swept = swept_over("distance", count=9)
-    expected = plane.snr(load_sensor("table1-apd"), Target(), swept.question.axis.values)
-    assert swept.curves[0].values == pytest.approx(expected, rel=1e-12)
-
-
 @pytest.mark.parametrize(
     ("key", "start", "stop"),
     [
@@ -158,18 +144,6 @@ def test_incidence_and_reflectivity():
     (apd,) = swept_over("reflectivity", BOTH[:1], start=0.0, stop=1.0, log=False, count=3).curves
     assert apd.status[0] == RangeStatus.NEVER_DETECTED
     assert apd.values[2] > apd.values[1] > apd.values[0] == 0.0
-
-
-@pytest.mark.parametrize("key", ["elevation", "azimuth"])
-def test_aperture_laws(key):
-    """One edge of a mirror's field sees more than the centre; both edges of a fixed window see less."""
-    edges = {law: swept_over(key, BOTH[:1], start=-30, stop=30, count=3, law=law).curves[0].values for law in LAWS}
-    assert len(set(edges["constant"])) == 1
-    low, middle, high = edges["cosine"]
-    assert low == pytest.approx(high, rel=1e-12)
-    assert low < middle
-    low, middle, high = edges["mirror"]
-    assert low > middle > high
 
 
 def test_aperture_laws_by_hand():

@@ -217,13 +217,6 @@ def test_closed_form_of_arrays():
         plane.closed_form_range_m(replace(APD, tdc=replace(APD.tdc, threshold_to_noise=None)), Target())
 
 
-@BOTH
-@pytest.mark.parametrize("light", [1.0, 10.0, 100.0])
-def test_closed_form_is_an_upper_bound(name, light):
-    sensor, target = load_sensor(name), Target(illuminance_klux=light)
-    assert plane.closed_form_range_m(sensor, target) > plane.maximum_range_m(sensor, target)[0]
-
-
 def test_effective_aperture_counts_as_aperture():
     """A(theta_r) of (4) is in the echo and in the sunlight alike."""
     small = sensor_with("table1-apd", optics__aperture_radius_mm=25.0 * math.sqrt(0.6))

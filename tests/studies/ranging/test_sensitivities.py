@@ -2,7 +2,6 @@
 
 import dataclasses
 import re
-from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,6 @@ from helpers.run_seed import chosen
 from lidarscene import catalog, load_sensor
 from lidarscene.errors import InputError
 from lidarscene.files.toml import read_toml, validate
-from lidarscene.physics.electronics import range_limit
 from lidarscene.sensor.overlap import Overlap
 from lidarscene.sensor.sensor_file import SensorFile
 from lidarscene.sensor.sensor_model import overlap_geometry
@@ -101,110 +99,6 @@ def test_by_differences(slopes, sensor, target):
     check(sensor, target, slopes, method="differences", rel=1e-5)
 
 
-def elasticities(sensor, target):
-    """Where P_d is one half, the peak is at the threshold, as in the closed forms."""
-    table = sensitivities.sensitivities(sensor, target, probability=0.5, method="differences")
-    return {row.parameter: row.range_elasticity for row in table.rows}
-
-
-def test_exponents_in_the_background_limit():
-    """(29): 1/2 of power, TNR and field of view, 1/4 of reflectivity, aperture, sun; tau^(3/4); M^(-x/4)."""
-    strong = load_sensor(
-        "table1-apd",
-        overrides=[
-            "optics.sun_irradiance_w_m2=1e9",
-            "detector.bulk_dark_current_na=0",
-            "detector.surface_dark_current_na=0",
-        ],
-    )
-    slopes = elasticities(strong, Target())
-    assert_exponents(
-        slopes,
-        """
-        1/2 laser.peak_power_w optics.efficiency_laser target.cos_incidence optics.aperture_radius_m
-        1/2 optics.focal_length_m
-        1/4 target.reflectivity target.aperture_share detector.quantum_efficiency laser.wavelength_m
-        3/4 target.transmittance
-        -1/2 tdc.threshold_to_noise detector.radius_m
-        -1/4 optics.sun_irradiance_w_m2 optics.efficiency_sun target.cos_sun tdc.bandwidth_hz target.illuminance_klux
-        -3/40 detector.gain
-        """,
-        within=2e-6,
-    )
-
-
-def assert_exponents(slopes, rows, *, within):
-    """Each row is an exponent and the keys that have it."""
-    for exponent, *names in map(str.split, filter(str.strip, rows.splitlines())):
-        for name in names:
-            assert slopes[name] == pytest.approx(float(Fraction(exponent)), abs=within), name
-
-
-def test_exponents_in_the_noise_of_the_amplifier():
-    """Fixed noise: SNR goes as P_r, so everything in the echo has half its own exponent."""
-    noisy = dataclasses.replace(APD, detector=dataclasses.replace(APD.detector, circuit_noise_a=1.0))
-    bright = dataclasses.replace(noisy, laser=dataclasses.replace(noisy.laser, peak_power_w=1e12))
-    slopes = elasticities(bright, Target())
-    assert_exponents(
-        slopes,
-        """
-        1/2 laser.peak_power_w target.reflectivity detector.quantum_efficiency detector.gain target.cos_incidence
-        1 optics.aperture_radius_m target.transmittance
-        -1/2 detector.circuit_noise_a tdc.threshold_to_noise
-        """,
-        within=1e-6,
-    )
-    assert abs(slopes["optics.focal_length_m"]) < 1e-6
-
-
-def test_exponents_of_the_sipm():
-    """(30) where light is weak against the cells: PDE, rho and A to the 1/4, the pulse to the 1/2, tau to -1/4."""
-    many_cells = load_sensor("table1-sipm", overrides=["detector.cells=1000000", "detector.dark_count_rate_hz=0"])
-    assert_exponents(
-        elasticities(many_cells, Target()),
-        """
-        1/4 detector.pde target.reflectivity
-        1/2 laser.pulse_fwhm_s laser.peak_power_w optics.focal_length_m
-        3/4 target.transmittance
-        -1/4 detector.dead_time_s
-        """,
-        within=1e-3,
-    )
-
-
-def test_exponents_are_those_of_the_closed_form():
-    """The closed form (29) derived, differentiated as `differences` does, gives the quarters too."""
-    values = {"reflectivity": 0.1, "aperture_m2": 2e-3, "sun_irradiance_w_m2": 29.4, "peak_power_w": 45.0}
-    constants = {"focal_over_radius": 300.0, "threshold_to_noise": 5.0, "photon_energy_j": 2.2e-19}
-
-    def reach_m(numbers):
-        of_plane = ("reflectivity", "sun_irradiance_w_m2")
-        of_lidar = {name: value for name, value in numbers.items() if name not in of_plane}
-        plane = range_limit.Plane(**{name: numbers[name] for name in of_plane})
-        return range_limit.maximum_range_apd_m(
-            plane,
-            range_limit.Transceiver(**of_lidar, **constants),
-            quantum_efficiency=0.7,
-            excess_noise=3.7,
-            bandwidth_hz=167e6,
-        )
-
-    reach, slopes = sensitivities.differences(reach_m, values)
-    exponents = {name: slopes[name] * value / reach for name, value in values.items()}
-    expected = {"reflectivity": 0.25, "aperture_m2": 0.25, "sun_irradiance_w_m2": -0.25, "peak_power_w": 0.5}
-    assert exponents == pytest.approx(expected, rel=1e-9)
-
-
-def test_gradient_is_exact(mi):
-    """Dr.Jit in double precision against a derivative known by heart."""
-    from lidarscene.kernel.device import gradients
-    from lidarscene.maths.arrays import xp
-
-    value, slopes = gradients.gradient(lambda n: xp(n["a"]).exp(n["a"]) * n["b"], {"a": 0.3, "b": 2.0, "c": 1.0})
-    assert value == pytest.approx(2.0 * np.exp(0.3), rel=1e-14)
-    assert slopes == pytest.approx({"a": 2.0 * np.exp(0.3), "b": np.exp(0.3), "c": 0.0}, rel=1e-14)
-
-
 def test_every_number_is_a_parameter():
     names = set(sensitivities.parameters(APD, Target()))
     for part in ("laser", "optics", "detector", "tdc"):
@@ -247,15 +141,6 @@ def test_report_of_whole_cells_says_that_p_d_has_steps():
 
 def test_report_says_when_it_is_exact(mi):
     assert "exact, by Dr.Jit" in report_text(APD)
-
-
-def test_tornado(tmp_path, rough_charts):
-    path, second_path = tmp_path / "tornado.svg", tmp_path / "again.svg"
-    table = sensitivities.sensitivities(SIPM, Target(), method="differences")
-    sensitivities.tornado(path, table)
-    assert path.read_bytes().startswith(b"<?xml")
-    sensitivities.tornado(second_path, table)
-    assert second_path.read_bytes() == path.read_bytes()
 
 
 def test_no_range_no_sensitivities():

@@ -7,7 +7,7 @@ from lidarscene import load_sensor
 from lidarscene.studies.ranging.curves import CurveCrossing, Curves, Question, SweepCurve
 from lidarscene.studies.ranging.plane import RangeStatus, Target
 from lidarscene.studies.ranging.sweep_axes import condition_axis
-from lidarscene.studies.ranging.sweep_report import air_text, chart_of, notes, table_text, window_note
+from lidarscene.studies.ranging.sweep_report import air_text, as_dict, chart_of, notes, table_text, window_note
 
 SENSOR = load_sensor("table1-apd")
 
@@ -34,8 +34,11 @@ def test_who_passes_whom(falls: bool, verb: str) -> None:
 @pytest.mark.parametrize(("falls", "verb"), [(True, "falls to"), (False, "rises to")])
 def test_where_a_sensor_passes_its_threshold(falls: bool, verb: str) -> None:
     limit = CurveCrossing(first="a", second="", place=7.0, value=5.0, falls=falls)
-    (line, *_) = notes(curves("illuminance_klux", "snr", detection_limits=(limit,)), {"a": SENSOR, "b": SENSOR})
+    swept = curves("illuminance_klux", "snr", detection_limits=(limit,))
+    (line, *_) = notes(swept, {"a": SENSOR, "b": SENSOR})
     assert line == f"a: {verb} P_d 0.9 at 7 klux, where SNR 5"
+    found = {name: entry["detection_limits"] for name, entry in as_dict(swept)["sensors"].items()}
+    assert found == {"a": [{"at": 7.0, "value": 5.0, "falls": falls}], "b": []}
     (line, *_) = notes(curves("distance", "snr", detection_limits=(limit,)), {"a": SENSOR, "b": SENSOR})
     assert line.startswith("a: range 7 m at P_d 0.9, where SNR 5") is falls
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from helpers.twins import room_sweep
 
+from lidarscene.errors import OptionWarning
 from lidarscene.maths.pose import Pose
 from lidarscene.studies.twin import frame_poses
 from lidarscene.studies.twin.frame_poses import angles_deg, is_at_rest, place_frames
@@ -32,6 +33,13 @@ def test_frames_without_poses_are_laid_on_each_other(open3d: Any) -> None:
     assert angles_deg(pose) == pytest.approx(angles_deg(MOVED), abs=0.2)
 
 
+def test_frames_that_do_not_fit_are_told(open3d: Any) -> None:
+    """Rationale: files of two drives made one twin, in silence."""
+    elsewhere = room_sweep(pose=Pose.from_degrees(position_m=(0.0, 0.0, 30.0), yaw_deg=50.0))
+    with pytest.warns(OptionWarning, match="frame 4 does not fit frame 2"):
+        place_frames({2: room_sweep(), 4: elsewhere}, 2)
+
+
 def test_frames_are_laid_on_the_one_before_and_chained(monkeypatch: pytest.MonkeyPatch) -> None:
     """Five turned and shifted poses; each frame is laid on its neighbour towards the first, without an error."""
     truth = {
@@ -40,13 +48,12 @@ def test_frames_are_laid_on_the_one_before_and_chained(monkeypatch: pytest.Monke
     }
     pairs = []
 
-    def laid(cloud: int, target: int) -> Pose:
+    def laid(_: Any, cloud: int, target: int) -> Pose:
         pairs.append((cloud, target))
         return truth[target].inverse() @ truth[cloud]
 
-    sweeps = {number: room_sweep(metadata={"frame": str(number)}) for number in truth}
+    sweeps = {number: room_sweep() for number in truth}
     monkeypatch.setattr(frame_poses, "is_at_rest", lambda *_: False)
-    monkeypatch.setattr(frame_poses, "_thin", lambda sweep: int(sweep.metadata["frame"]))
     monkeypatch.setattr(frame_poses, "_register", laid)
     laid_places = place_frames(sweeps, 2)
     assert sorted(pairs) == [(0, 1), (1, 2), (3, 2), (4, 3)]

@@ -103,6 +103,16 @@ def test_a_return_far_off_its_plane_along_the_beam_stands_on_it(off_cm: float, l
     assert least_m <= planes.range_m[row, column] - kept_m[row, column] <= most_m
 
 
+def test_a_corner_stays_where_it_was_recorded() -> None:
+    """The plane of a pixel in a corner of the room is that of neither wall, 0.1 m and more from it along the beam."""
+    grid = align_columns(room_sweep())
+    planes = fit_planes(grid)
+    kept_m, _ = surface_without_noise(load_sensor("os0-128"), grid, planes, np.full(grid.sweep.range_m.shape, 0.3))
+    off = planes.has_plane & ~planes.smooth() & (np.abs(planes.range_m - grid.sweep.range_m) > 0.1)
+    assert off.sum() > 100
+    np.testing.assert_allclose(kept_m[off], grid.sweep.range_m[off], atol=5e-3)
+
+
 def test_noise_of_beams_that_miss_leaves_surfaces_that_lean() -> None:
     """A floor 1.8 m below, from which beams of a Pandar64 that are off by 45 urad return 45e-6 R tan(beta) away."""
     sensor, grid = load_sensor("pandar64"), align_columns(room_sweep())

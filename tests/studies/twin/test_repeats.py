@@ -24,6 +24,7 @@ def repeats(sigma_m: float = 0.01, simulated_sigma_m: float = 0.01, **changed: A
         "simulated_range_m": true_m + simulated_sigma_m * noise[1],
         "strength": every * (1.0 + 0.02 * rng.normal(0.0, 1.0, every.shape)),
         "simulated_strength": every,
+        "is_smooth": np.ones(every.shape, bool),
     }
     return Repeats(**{name: changed.get(name, values) for name, values in fields.items()})
 
@@ -43,6 +44,8 @@ def test_scatter_is_that_of_a_pixel_by_range_and_strength() -> None:
     assert worst.verdict is False
     assert worst.reference in (pytest.approx(10.0, rel=0.1), pytest.approx(30.0, rel=0.1))
     assert rows["range, scatter at rest, bins within the limits"].value == 0.0
+    rough = repeats(is_smooth=np.zeros((FRAMES, PIXELS), bool))
+    assert rows_of(rough)["range, scatter at rest, worst bin"].value is None
 
 
 def test_strengths_scatter_around_their_own() -> None:
@@ -72,6 +75,14 @@ def test_frames_are_ordered_by_the_number_of_the_pulse() -> None:
     assert np.array_equal(pixels.range_m[0, -100:], pixels.range_m[1, -100:])
     assert np.isnan(pixels.range_m[1, :-100]).all()
     assert Repeats.from_frames([pulses(strength=None)], len(first.range_m)).strength is None
+
+
+def test_a_lost_pulse_was_kept_as_often_as_in_the_other_frames() -> None:
+    first, number = pulses(), np.arange(len(pulses().range_m))
+    lost = first.range_m * np.where(number < 10, np.nan, 1.0)
+    frames = [pulses(range_m=lost), first, pulses(range_m=lost), first]
+    again = Repeats.from_frames(frames, len(number)).kept_again(frames[0])
+    assert again[:10] == pytest.approx(2.0 / 3.0)
 
 
 def test_the_share_that_is_kept_is_that_of_the_worst_octave() -> None:

@@ -17,11 +17,19 @@ def _few_trees(monkeypatch: pytest.MonkeyPatch) -> None:
     use_few_trees(monkeypatch)
 
 
-def image(seed: int, *, sigma_m: float = 0.01, lost: float = 0.02, scale: float = 1.0, texture: float = 0.05) -> Image:
-    """A ring of walls at 10 to 20 m."""
+def image(
+    seed: int,
+    *,
+    sigma_m: float = 0.01,
+    lost: float = 0.02,
+    scale: float = 1.0,
+    texture: float = 0.05,
+    growth: float = 0.0,
+) -> Image:
+    """A ring of walls at 10 to 20 m, whose strengths grow by a share from column to column."""
     rng = np.random.default_rng(seed)
     range_m = 15.0 + 5.0 * np.sin(np.linspace(0.0, 6.0 * np.pi, COLUMNS)) + rng.normal(0.0, sigma_m, (ROWS, COLUMNS))
-    strength = scale * np.exp(texture * rng.normal(0.0, 1.0, range_m.shape))
+    strength = scale * np.exp(texture * rng.normal(0.0, 1.0, range_m.shape) + growth * np.arange(COLUMNS))
     return Image(np.where(rng.random(range_m.shape) < lost, np.nan, range_m), strength)
 
 
@@ -39,7 +47,12 @@ def test_frames_of_one_sensor_are_not_told_apart() -> None:
 
 @pytest.mark.parametrize(
     ("changed", "telling"),
-    [({"sigma_m": 0.02}, "range texture"), ({"lost": 0.1}, "holes"), ({"texture": 0.1}, "intensity")],
+    [
+        ({"sigma_m": 0.02}, "range texture"),
+        ({"lost": 0.1}, "holes"),
+        ({"texture": 0.1}, "intensity"),
+        ({"growth": 0.2}, "intensity"),
+    ],
 )
 def test_a_difference_is_told_by_its_own_group(changed: dict[str, float], telling: str) -> None:
     found = accuracies(**changed)

@@ -26,7 +26,7 @@ from validation.sipm_events.table import (
     response_by_events,
     rows_of_published_error,
 )
-from validation.sipm_events.working_point import _alarms, _first_passages, measure, moments
+from validation.sipm_events.working_point import _alarms, _first_passages, measure
 
 TABLE_1 = CellArray(cells=400, pde=0.22, dead_time_s=6e-9, dark_count_rate_hz=2007.0)
 PAGE = Path(__file__).parents[3] / "docs" / "sipm.md"
@@ -341,16 +341,6 @@ def test_alarms_are_passages_of_shots_that_begin_low() -> None:
     share, rate_hz = _alarms(wave, 1.0, 2e-6)
     assert share == pytest.approx(0.25)
     assert rate_hz == pytest.approx(np.log(1.5) / 2e-6)
-
-
-def test_moments_of_a_number_that_is_drawn_once_in_four() -> None:
-    """Moments of 0, 0, 0 and 3: mean 0.75, variance 27/16, skewness (1 - 2 p) / sqrt(p (1 - p)) of p = 1/4; and of
-    nothing.
-    """
-    output = moments(np.zeros(2), np.array([[0.0, 2.0], [0.0, 2.0], [0.0, 2.0], [3.0, 2.0]]))
-    np.testing.assert_allclose(output.mean, [0.75, 2.0])
-    np.testing.assert_allclose(output.variance, [27.0 / 16.0, 0.0])
-    np.testing.assert_allclose(output.skewness, [0.5 / np.sqrt(3.0 / 16.0), 0.0])
 
 
 def test_no_comparator_is_set_below_a_cell() -> None:

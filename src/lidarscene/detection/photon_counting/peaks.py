@@ -192,7 +192,9 @@ class Peaks(FilteredLight):
         threshold = pixel.histogram.threshold_of_point(expected.level, self.deviate, expected.lone)
         tripped = candidate.exists & peak.exists & (peak.value >= threshold)
         time_s = self._reported_s(pixel, peak)
-        accepted = tripped & comparator.accepts_crossing(sensor, arrival_s) & comparator.is_range(time_s)
+        # The peak that is found for an echo on a flank may be that beside it, which is blanked.
+        found_s = ops.where(candidate.on_flank, time_s, arrival_s)
+        accepted = tripped & comparator.accepts_crossing(sensor, found_s) & comparator.is_range(time_s)
         apart: Mask = time_s - state.last_s >= converter.dead_time_s
         stops = state.stops
         if self.has_several:

@@ -103,13 +103,19 @@ def _diffuse(values: dict[str, Any]) -> dict[str, Any]:
 def _rough_diffuse(values: dict[str, Any]) -> dict[str, Any]:
     register_rough_diffuse()
     slope_deg = float(values["facet_slope_deg"])
-    limit = reflection.largest_reflectivity(math.radians(slope_deg))
+    limit = _largest_reflectivity(values)
     if values["reflectivity"] > limit:
         raise InputError(
             f"material '{values.get('name', '')}': reflectivity must be <= {limit:.3g} with a facet_slope_deg of "
             f"{slope_deg:.3g}, got {values['reflectivity']:.3g}"
         )
     return {"type": ROUGH_PLUGIN, "reflectance": _spectrum(values["reflectivity"]), "slope_deg": slope_deg}
+
+
+def _largest_reflectivity(values: Mapping[str, Any]) -> float:
+    """Return the reflectivity at which a matt surface, with what it transmits, sends out all light that comes in."""
+    of_opaque = reflection.largest_reflectivity(math.radians(values.get("facet_slope_deg", 0.0)))
+    return of_opaque * (1.0 - float(values.get("transmittance", 0.0)))
 
 
 def _coated(values: dict[str, Any]) -> dict[str, Any]:
@@ -415,8 +421,7 @@ def reflectivities(pattern: ReflectivityPattern, values: Mapping[str, Any]) -> N
             reflectivity=values["reflectivity"],
             wavelength_m=values["wavelength_m"],
         )
-    limit = reflection.largest_reflectivity(math.radians(values.get("facet_slope_deg", 0.0)))
-    return np.minimum(varied, limit).astype(np.float32)
+    return np.minimum(varied, _largest_reflectivity(values)).astype(np.float32)
 
 
 def has_gaps(cutout: Cutout | None, values: Mapping[str, Any]) -> bool:

@@ -65,7 +65,8 @@ class Sight:
 
     Attributes:
         beam_area_m2: S(R): the light is taken to be even over it. Of a Gaussian beam the disc of the 1/e^2 radius, pi
-            w^2: mean and variance of the echoes are then those of the Gaussian
+            w^2: mean and variance of the echoes are then those of the Gaussian, and the number of those that trip the
+            catalogue's receivers is off by a fifth at most, by more only of fewer than one drop in 3,000 pulses
         overlap: xi(R), 0 where the receiver sees nothing of the beam
         aperture_radius_m: a, of the lens
         lens_offset_m: distance from the laser's exit to the middle of the lens

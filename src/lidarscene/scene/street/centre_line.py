@@ -38,6 +38,9 @@ BEND_BRAKING_M_S2 = 1.5
 LOOP_WIDTHS = 50.0
 """Choice: least length of a loop over the distance from its middle to the houses, which leaves room inside."""
 
+LEAST_RADIUS = 1.1
+"""Choice: least radius of a bend over that distance, so that pavements inside of it have a length."""
+
 LOOP_TURNS = (1, 1, -1, 1, 1, 1)
 """Choice: signs of a loop's right angles: an L."""
 
@@ -242,14 +245,15 @@ def draw_profile(file: StreetFile, parts_m: Sequence[tuple[float, float]], rando
     return Profile(*np.array(nodes).T)
 
 
-def wind(file: StreetFile, begin_m: float, end_m: float, random: np.random.Generator) -> CentreLine:
-    """Draw the bends of an open street from one end to the other."""
+def wind(file: StreetFile, begin_m: float, end_m: float, front_m: float, random: np.random.Generator) -> CentreLine:
+    """Draw the bends of an open street from one end to the other; ``front_m`` as of `close`."""
     pieces: list[Piece] = []
     way_m, heading = begin_m, 0.0
     while True:
         straight_m = random.uniform(*file.bend_spacing_m)
         angle = math.radians(random.uniform(*file.bend_deg)) * (1.0 if random.random() < 0.5 else -1.0)
-        drawn = bend(-angle if abs(heading + angle) > STEEPEST_RAD else angle, random.uniform(*file.bend_radius_m))
+        radius_m = max(random.uniform(*file.bend_radius_m), LEAST_RADIUS * front_m)
+        drawn = bend(-angle if abs(heading + angle) > STEEPEST_RAD else angle, radius_m)
         bend_m = sum(piece[0] for piece in drawn)
         if not drawn or way_m + straight_m + bend_m > end_m - file.bend_spacing_m[0]:
             pieces.append((end_m - way_m, 0.0, 0.0))
@@ -279,7 +283,7 @@ def close(file: StreetFile, front_m: float, random: np.random.Generator, radius_
     sides = np.array([aspect, 1.0 - across, along * aspect, across, (1.0 - along) * aspect, 1.0])
     sides /= sides.sum()
     drawn_m = random.uniform(*file.bend_radius_m, 6) if radius_m is None else np.full(6, radius_m)
-    radii_m = np.minimum(drawn_m, 0.36 * float(sides.min()) * file.length_m)
+    radii_m = np.minimum(np.maximum(drawn_m, LEAST_RADIUS * front_m), 0.36 * float(sides.min()) * file.length_m)
     turn = 1.0 if random.random() < 0.5 else -1.0
     corners = [bend(turn * sign * 0.5 * math.pi, each) for sign, each in zip(LOOP_TURNS, radii_m, strict=True)]
     bend_m = np.array([sum(piece[0] for piece in corner) for corner in corners])

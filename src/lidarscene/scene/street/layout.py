@@ -258,7 +258,7 @@ def lay_out(file: StreetFile) -> Layout:
     begin_m, end_m = -margin_m, file.length_m + margin_m
     plan = np.random.default_rng([file.seed, 3])
     radius_m = _junction_radius_m(file, kerb_m, front_m) if file.corners == "junctions" else None
-    line = close(file, front_m, plan, radius_m) if file.loop else wind(file, begin_m, end_m, plan)
+    line = close(file, front_m, plan, radius_m) if file.loop else wind(file, begin_m, end_m, front_m, plan)
     step_m = 0.5 * CROSS_HALF_M
     # Houses may stand at its edge.
     half_m = 0.6 * step_m, front_m - 0.05

@@ -386,10 +386,12 @@ def _markings(network: Network, relief: Relief, islands: Sequence[Island]) -> li
         if group.kind != "road" or length_m < DASHES_M:
             continue
         ends_m = along(group.line_m, np.array([0.2, length_m - 0.2]))[:, :2]
-        within_m = np.concatenate([ends_m[:1], group.line_m[1:-1, :2], ends_m[1:]])
+        between = np.abs(ways_m(group.line_m) - 0.5 * length_m) < 0.5 * length_m - 0.25
+        within_m = np.concatenate([ends_m[:1], group.line_m[between, :2], ends_m[1:]])
         line_m = np.pad(within_m, ((0, 0), (0, 1)), constant_values=PAINT_M)
         edge_m = 0.5 * group.width_m - ASIDE_M
-        covered = relief.has_storey(group.line_m, above=True, beside_m=UNDER_M)
+        between[[0, -1]] = True
+        covered = relief.has_storey(group.line_m[between], above=True, beside_m=UNDER_M)
         for run in np.split(np.arange(len(line_m)), np.flatnonzero(covered)):
             piece_m = line_m[run[~covered[run]]]
             for side, offset_m in (("right", -edge_m), ("left", edge_m)) if len(piece_m) > 1 else ():

@@ -52,7 +52,9 @@ class StreetFile(FileModel):
     )
     bend_spacing_m: Spacings = Field(default=(40.0, 160.0), description="straight between bends; a loop has six bends")
     bend_deg: Angles = Field(default=(10.0, 60.0), description="by which a bend turns; those of a loop turn by 90")
-    bend_radius_m: Radii = Field(default=(25.0, 120.0), description="of the middle of a bend; less on a short loop")
+    bend_radius_m: Radii = Field(
+        default=(25.0, 120.0), description="of the middle of a bend; less on a short loop, more on a wide street"
+    )
     slope_percent: Slopes = Field(
         default=(0.0, 0.0), description="steepest slope of a hill, up or down; streets are level where others cross"
     )

@@ -58,7 +58,7 @@ junctions; distance over which lanes spread for them; and share of those junctio
 
 PLAIN_OUTPUT = (
     *("--output-prefix", "", "--human-readable-time", "false"),
-    *("--fcd-output.geo", "false", "--fcd-output.attributes", "x,y,z,angle,type,vehicle"),
+    *("--fcd-output.geo", "false", "--fcd-output.attributes", "x,y,z,angle,speed,type,vehicle"),
 )
 """Arguments of SUMO that undo what a configuration says of its own outputs: names, clocks, degrees and columns."""
 
@@ -73,6 +73,9 @@ SHARPEST_CORNER_DEG = 135.0
 
 FOLDED_SHARE = 0.05
 """Choice: largest share of an outline's area that goes with a folded corner."""
+
+LEAP_M_S = 10.0
+"""Choice: by how much a way from one pose to the next is faster than a vehicle where SUMO has moved it elsewhere."""
 
 SHARPEST_TURN_DEG = 120.0
 """Choice: turn from one pose to the next beyond which another is put between them."""
@@ -532,33 +535,48 @@ def simulate(scenario: Scenario, *, ego: str | None, shown_m: float, folder: Pat
         ego = max(counts, key=lambda name: counts[name], default="")
     found: RoadUser | None = None
     others: list[RoadUser] = []
-    open_ones: dict[str, RoadUser] = {}
+    open_ones: dict[tuple[str, str], RoadUser] = {}
     start_s = 0.0
     for time_s, things in _steps(output):
-        movers = {thing.get("id", ""): _placed(thing, scenario.types) for thing in things if _is_own(thing)}
-        if ego not in movers:
+        # A person may have the name of a vehicle.
+        movers = {
+            (thing.tag, thing.get("id", "")): _placed(thing, scenario.types) for thing in things if _is_own(thing)
+        }
+        if ("vehicle", ego) not in movers:
             if found is not None:
                 break
             continue
-        kind, length_m, own = movers.pop(ego)
+        kind, length_m, speed_m_s, own = movers.pop(("vehicle", ego))
         if found is None:
             found, start_s = RoadUser(ego, kind, length_m), time_s
+        elif _leaps(found, (time_s - start_s, *own), speed_m_s):
+            text = "{0}: its drive ends after {1} s, when sumo moves {2} elsewhere (time-to-teleport)"
+            warn(OptionWarning(text, scenario.source, f"{time_s - start_s:g}", repr(ego)))
+            break
         found.rows.append((time_s - start_s, *own))
         near = {
-            name: user for name, user in movers.items() if np.hypot(user[2][0] - own[0], user[2][1] - own[1]) <= shown_m
+            key: user for key, user in movers.items() if np.hypot(user[3][0] - own[0], user[3][1] - own[1]) <= shown_m
         }
-        open_ones = {name: mover for name, mover in open_ones.items() if name in near}
-        for name, (kind, length_m, place) in near.items():
-            if name not in open_ones:
-                open_ones[name] = RoadUser(name, kind, length_m)
-                others.append(open_ones[name])
-            open_ones[name].rows.append((time_s - start_s, *place))
+        open_ones = {key: mover for key, mover in open_ones.items() if key in near}
+        for key, (kind, length_m, speed_m_s, place) in near.items():
+            row = time_s - start_s, *place
+            if key not in open_ones or _leaps(open_ones[key], row, speed_m_s):
+                open_ones[key] = RoadUser(key[1], kind, length_m)
+                others.append(open_ones[key])
+            open_ones[key].rows.append(row)
     if found is None or len(found.rows) < 2:
         raise InputError(f"{scenario.source}: must have a vehicle {repr(ego) if ego else 'that drives'}, got none")
     kept = [mover for mover in others if len(mover.rows) > 1]
     for mover in (found, *kept):
         mover.rows = _turned(mover.rows)
     return found, kept
+
+
+def _leaps(user: RoadUser, row: Row, speed_m_s: float) -> bool:
+    """Return whether the front gets to a place faster than it drives: SUMO moves who waits for too long elsewhere."""
+    time_s, x_m, y_m, yaw_deg, _ = np.array([user.rows[-1], row]).T
+    front_m = np.exp(1j * np.radians(yaw_deg)) * 0.5 * user.length_m + x_m + 1j * y_m
+    return bool(abs(front_m[1] - front_m[0]) > (speed_m_s + LEAP_M_S) * np.ptp(time_s))
 
 
 def _turned(rows: Sequence[Row]) -> list[Row]:
@@ -580,8 +598,8 @@ def _is_own(thing: ElementTree.Element) -> bool:
 
 def _placed(
     thing: ElementTree.Element, types: Mapping[str, tuple[str, float]]
-) -> tuple[str, float, tuple[float, float, float, float]]:
-    """Class and length of a vehicle or person, and x and y of its middle, yaw [degrees], and height of its front."""
+) -> tuple[str, float, float, tuple[float, float, float, float]]:
+    """Class, length and speed of a vehicle or person; x and y of its middle, yaw [degrees], and height of its front."""
     kind, length_m = types.get(thing.get("type", ""), ("passenger", class_entry("passenger")["length_m"]))
     if thing.tag == "person" and kind not in ("pedestrian", "wheelchair"):
         # Their type has no class, and SUMO's default one is as long as a car.
@@ -590,7 +608,7 @@ def _placed(
     back_m = 0.5 * length_m
     x_m = float(thing.get("x", 0.0)) - back_m * float(np.cos(np.radians(yaw_deg)))
     y_m = float(thing.get("y", 0.0)) - back_m * float(np.sin(np.radians(yaw_deg)))
-    return kind, length_m, (x_m, y_m, yaw_deg, float(thing.get("z", 0.0)))
+    return kind, length_m, float(thing.get("speed", 0.0)), (x_m, y_m, yaw_deg, float(thing.get("z", 0.0)))
 
 
 def _steps(path: Path) -> Iterator[tuple[float, list[ElementTree.Element]]]:

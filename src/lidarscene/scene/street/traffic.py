@@ -18,7 +18,7 @@ import numpy as np
 
 from ...maths.arrays import Numbers
 from .centre_line import CentreLine
-from .layout import CAR_M, CROSS_LANE_M, QUEUE_M, Crossing, Layout
+from .layout import CAR_M, CROSS_LANE_M, LEAST_SHARE, QUEUE_M, Crossing, Layout
 from .polylines import integral
 from .shapes import LANE_ROOM_M, draw_vehicle, vehicle_length_m
 
@@ -47,6 +47,9 @@ CIRCLE_M = 0.9
 SLOWING_M_S2, WALK_STEP_M, BETWEEN_M = 1.0, 0.05, 5.0
 """Choice: of people who walk: acceleration before and behind a turn, step of their way, and distance of the last from
 the first."""
+
+INSIDE_M = 2.5
+"""Choice: least distance of people who walk one after the other, with prams too, on the inner side of a bend."""
 
 TURN_S = 2.0
 """Choice: time in which those who have crossed turn round."""
@@ -301,6 +304,11 @@ def _fill_lanes(layout: Layout, random: np.random.Generator) -> list[_Lane]:
             # The vehicle rests where a loop begins and ends.
             speed_m_s = (0.0 if file.loop and is_own else 0.6) * desired_m_s
             front_m = middle_m + 0.5 * lengths_m
+            gaps_m = front_m[:-1] - lengths_m[:-1] - front_m[1:] - STANDING_GAP_M
+            for number, gap_m in enumerate(gaps_m.tolist(), start=1):  # nobody begins too fast to brake behind another
+                speed_m_s[number] = min(
+                    speed_m_s[number], math.sqrt(speed_m_s[number - 1] ** 2 + 2.0 * WILLING_M_S2 * gap_m)
+                )
             vehicles = front_m, speed_m_s, desired_m_s, lengths_m, names
             places_m, limits_m_s = line.speed_limit_m_s(direction, y_m)
             limit_m_s = direction * line.way_beside_m(direction * places_m, y_m), limits_m_s
@@ -401,12 +409,15 @@ def _stop_and_go_m(since_s: Numbers, way_m: float) -> Numbers:
 def _walking_tracks(layout: Layout, time_s: Numbers, random: np.random.Generator) -> Iterator[Track]:
     """Yield tracks of people who walk round and round on the pavements of each block, all at one pace there."""
     for block in layout.blocks:
+        inside = 1.0 - layout.line.sharpest_per_m(block.begin_m, block.end_m) * layout.front_m
+        between_m = max(BETWEEN_M, INSIDE_M / max(inside, LEAST_SHARE))
         for side in (-1, 1):
             speed_m_s = random.uniform(*WALK_M_S)
             straight_m = block.length_m - 4.0
             way_m, at_s = _round_times(straight_m, 0.5 * (layout.walk_m(1) - layout.walk_m(-1)), speed_m_s)
-            places_m = np.cumsum(random.uniform(*layout.file.walking_spacing_m, int(way_m[-1] / 5.0)))
-            for begin_s in np.interp(places_m[places_m < way_m[-1] - BETWEEN_M], way_m, at_s):
+            spacing_m = random.uniform(*layout.file.walking_spacing_m, int(way_m[-1] / 5.0))
+            places_m = np.cumsum(np.maximum(spacing_m, between_m))
+            for begin_s in np.interp(places_m[places_m < way_m[-1] - between_m], way_m, at_s):
                 walked_m = np.interp(np.mod(begin_s + time_s, at_s[-1]), at_s, way_m)
                 x_m, y_m, yaw_deg = _round_walk(layout, walked_m, straight_m)
                 yield _track("walkers", time_s, block.begin_m + 2.0 + x_m, side * y_m, side * yaw_deg)

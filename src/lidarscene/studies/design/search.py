@@ -47,6 +47,10 @@ of that."""
 _POPULATION = 64
 _IDLE = 10  # generations without a new design after which NSGA-II ends
 
+ALIKE = 1e-5
+"""Choice: share of each objective within which two designs are one of a front: the digits that are printed, and SLSQP
+ends a millionth beside where it began."""
+
 _CERTAIN = 1e-15
 """Accuracy bought: probability next to 0 and 1 whose quantile, 7.9 sigma, double precision tells from infinity."""
 
@@ -359,16 +363,17 @@ def is_feasible(study: StudyFile, design: Design) -> bool:
 
 
 def front(study: StudyFile, designs: Sequence[Design]) -> list[Design]:
-    """Feasible designs that no other one beats, by the first objective, from best to worst; equals once."""
+    """Feasible designs that no other one beats, by the first objective, from best to worst; each (`ALIKE`) once."""
     feasible = [design for design in designs if is_feasible(study, design)]
     if not feasible:
         return []
     values = np.array([losses(study, design) for design in feasible])
+    margins = ALIKE * np.nan_to_num(np.abs(values), posinf=0.0)
     _, order = np.unique(values, axis=0, return_index=True)
     best: list[int] = []
     for number in order:  # rows are sorted by the first objective: only a design before it can beat it
         others = values[best]
-        if not len(best) or not np.any(np.all(others <= values[number], axis=1)):
+        if not len(best) or not np.any(np.all(others <= values[number] + margins[number], axis=1)):
             best.append(int(number))
     return [feasible[number] for number in best]
 

@@ -197,7 +197,7 @@ class ReflectivityGauge:
         if self.field != "intensity" or self.sensor is None:
             return apparent
         # What reads 0 and returned was bright enough for that.
-        is_zero = getattr(returns, self.field) <= 0.0
+        is_zero = (getattr(returns, self.field) <= 0.0) & np.isfinite(range_m)
         if is_zero.any():
             apparent[is_zero] = np.maximum(apparent[is_zero], _detected_reflectivity(self.sensor, range_m[is_zero]))
         return apparent

@@ -22,18 +22,21 @@ from ...recordings.as_cloud import cloud_of
 from ...recordings.recording import Recording
 from ...recordings.sweep import Sweep
 from ...rendering.render_options import FrameOptions
+from ...scan.base import Scanner
+from ...scan.spinning import Spinning
 from ...scene.scene import View
 from ...scene.scene_file import load_scene
 from ...sensor.sensor_file import load_sensor
 from ...sensor.sensor_model import Sensor
 from ..held import LIMITS, UNLIMITED, Held, held_data, held_table, passed, verdict
 from .frame_poses import is_at_rest
-from .judge import disagreement, twin_quantities
+from .judge import disagreement, losses_kept, twin_quantities
 from .matched_pulses import MatchedPulses, match_pulses, simulate_pulses, strength_of
 from .planes import has_grid, select_columns
 from .repeats import Repeats, kept_at_rest
-from .sensor_grid import on_grid
+from .sensor_grid import on_grid, rows_of
 from .side_figures import REAL, SIMULATED, side_figures
+from .surfels import SMOOTH
 from .told_apart import EXTRA, PATCH, Image, ToldApart, told_apart
 from .twin_files import COLUMNS, SCENE, TwinFrames, build_twin, frame_pose, read_provenance
 
@@ -43,6 +46,9 @@ MOST_FRAMES = 4
 
 WHOLE = 0.9
 """Choice: least share of the pulses of the judged frame that another one has, of which none was cut short."""
+
+ON_SMOOTH = "told apart on smooth surfaces"
+"""Row of the classifier that is held to a limit."""
 
 _VIEW = View(eye_m=(-9.0, 0.0, 6.0), target_m=(6.0, 0.0, 0.0), fov_deg=70.0)
 """View of the pictures, from behind and above the sensor."""
@@ -56,6 +62,7 @@ class _Judged:
         full_sweep: first frame with all of its columns
         frames: matched pulses of each
         cloud: simulated cloud of the first
+        scanner: that of the twin
         is_list: whether a list of points was recorded, which the grid was made of
         repeats: the same of a sensor at rest; None: it was not, or one frame was judged
         was_kept: (n,) mask of the pulses of all frames that returned in the frame the twin is made of, at rest
@@ -65,6 +72,7 @@ class _Judged:
     full_sweep: Sweep
     frames: Sequence[MatchedPulses]
     cloud: PointCloud
+    scanner: Scanner
     is_list: bool
     repeats: Repeats | None = None
     was_kept: Numbers | None = None
@@ -144,7 +152,7 @@ def certify_in_twin(
     number = provenance["judged"] if frame is None else frame
     judged, rows = judge_in_twin(scene_file, recording, sensor, frame=frame, options=options)
     accuracies = _told_apart(judged)
-    rows += list(_accuracy_rows(accuracies))
+    rows += [*_elevations(judged, name), *_accuracy_rows(accuracies)]
     shown = [row for row in rows if row.is_shown]
     title = f"{recording.path.name}, frame {number}: is it {name or judged.cloud.metadata['sensor']}?"
     meets = passed(shown) and any(row.verdict for row in shown)
@@ -179,9 +187,16 @@ def certify_in_twin(
     for figure in side_figures(judged.pulses, judged.repeats, judged.was_kept):
         report.add_figure(figure)
     clouds = {REAL: cloud_of(judged.full_sweep), SIMULATED: judged.cloud.in_sensor_frame()}
-    scale = common_scale(list(clouds.values()), "range")
+    draw = partial(
+        perspective_picture,
+        colour_by="range",
+        view=_VIEW,
+        highlight_false_alarms=False,
+        size_px=(1280, 720),
+        colours=FixedColours(limits=common_scale(list(clouds.values()), "range")),
+    )
     captions = {REAL: "Recorded, by range.", SIMULATED: "Simulated in the twin, by range."}
-    report.add_pictures([(side, captions[side], partial(_draw, cloud, scale=scale)) for side, cloud in clouds.items()])
+    report.add_pictures([(side, captions[side], partial(draw, cloud)) for side, cloud in clouds.items()])
     report.add_heading("Not covered")
     report.add_table(("what", "since"), list(numbers["not_covered"].items()))
     report.add_heading("Where the limits come from")
@@ -239,10 +254,13 @@ def judge_in_twin(
     rows = twin_quantities(
         frames[0],
         between=None if next_number == number else disagreement(full_sweep, read(next_number)),
-        other_columns=other_columns,
+        again=None if other_columns is None else _beside(frames[0], other_columns),
+        source=twin_sweep if other_columns is None else other_columns,
         is_of_frame=other_columns is None and number in provenance["frames"],
     )
-    judged = _Judged(full_sweep=full_sweep, frames=frames, cloud=cloud, is_list=not has_grid(recorded_sweep))
+    judged = _Judged(
+        full_sweep=full_sweep, frames=frames, cloud=cloud, scanner=scanner, is_list=not has_grid(recorded_sweep)
+    )
     if other_columns is not None:
         return replace(judged, control=([_image(sweeps[0])], [_image(other_columns)])), rows
     if twin_sweep is None:
@@ -251,64 +269,81 @@ def judge_in_twin(
     judged = replace(judged, control=(images[::2], images[1::2]))
     if len(sweeps) == 1:
         return judged, rows
-    was_kept = np.zeros(scanner.pulses, bool)
-    was_kept[match_pulses(sensor, twin_sweep)[0][twin_sweep.has_return]] = True
-    judged = replace(
-        judged,
-        repeats=Repeats.from_frames(frames, scanner.pulses),
-        was_kept=was_kept[np.concatenate([pulses.pulse for pulses in frames])],
-    )
-    assert judged.repeats is not None
-    assert judged.was_kept is not None
+    repeats = Repeats.from_frames(frames, scanner.pulses)
+    returned = np.zeros(scanner.pulses, bool)
+    returned[match_pulses(sensor, twin_sweep)[0][twin_sweep.has_return]] = True
+    pulses = judged.pulses
+    was_kept, losses = returned[pulses.pulse], losses_kept(pulses, repeats.kept_again(pulses))
     # A pixel beside itself tells its noise; along a ring surfaces that are not smooth enter.
-    rows = [row for row in rows if row.quantity != "range, scatter"]
-    return judged, [*rows, kept_at_rest(judged.pulses, judged.was_kept), *judged.repeats.quantities()]
+    rows = [row for row in rows if row.quantity not in {"range, scatter", losses.quantity}]
+    rows += [losses, kept_at_rest(pulses, was_kept), *repeats.quantities()]
+    return replace(judged, repeats=repeats, was_kept=was_kept), rows
+
+
+def _beside(pulses: MatchedPulses, other_columns: Sweep) -> Numbers:
+    """(n,) recorded share of each pulse's two neighbours among the other columns that returns."""
+    column = (pulses.column + np.array([[0], [1]])) % other_columns.shape[1]
+    return np.asarray(other_columns.has_return[pulses.ring, column].mean(axis=0))
 
 
 def _image(sweep: Sweep) -> Image:
     return Image(sweep.range_m, strength_of(sweep))
 
 
-def _images(frames: Sequence[MatchedPulses], side: str) -> list[Image]:
-    """Range images of one side, "" or "simulated_"."""
+def _images(frames: Sequence[MatchedPulses], side: str, *, smooth_only: bool) -> list[Image]:
+    """Range images of one side, "" or "simulated_"; of all pulses, or of those that met a smooth surface."""
 
-    def image(frame: MatchedPulses, values: Numbers | None) -> Numbers | None:
+    def image(frame: MatchedPulses, name: str) -> Any:
+        values = getattr(frame, f"{side}{name}")
         if values is None:
             return None
         pixels = np.full((frame.ring.max() + 1, frame.column.max() + 1), np.nan)
-        pixels[frame.ring, frame.column] = values
+        pixels[frame.ring, frame.column] = np.where(smooth_only & (frame.kind != SMOOTH), np.nan, values)
         return pixels
 
-    images = []
-    for frame in frames:
-        range_m = image(frame, getattr(frame, f"{side}range_m"))
-        assert range_m is not None
-        images.append(Image(range_m, image(frame, getattr(frame, f"{side}strength"))))
-    return images
+    return [Image(image(frame, "range_m"), image(frame, "strength")) for frame in frames]
 
 
 def _told_apart(judged: _Judged) -> dict[str, tuple[ToldApart, ToldApart | None]]:
     """Accuracy by group of features, of both sides and of two recorded ones; empty where it is not measured."""
     if not is_installed("sklearn"):
         return {}
-    accuracies = told_apart(_images(judged.frames, ""), _images(judged.frames, "simulated_"))
+    accuracies, smooth = (
+        told_apart(*(_images(judged.frames, side, smooth_only=only) for side in ("", "simulated_")))
+        for only in (False, True)
+    )
     controls = told_apart(*judged.control) if judged.control is not None else {}
-    return {name: (accuracy, controls.get(name)) for name, accuracy in accuracies.items()}
+    every = accuracies | ({ON_SMOOTH: smooth["all"]} if smooth else {})
+    return {name: (accuracy, controls.get(name)) for name, accuracy in every.items()}
 
 
 def _accuracy_rows(accuracies: dict[str, tuple[ToldApart, ToldApart | None]]) -> Iterator[Held]:
-    if not accuracies:
+    if ON_SMOOTH not in accuracies:
         lacks = f"pip install 'lidarscene[{EXTRA}]'" if not is_installed("sklearn") else "too few pulses"
-        yield Held(quantity="told apart by a classifier", limits=LIMITS["told apart"], note=lacks)
+        yield Held(quantity=ON_SMOOTH, limits=LIMITS["told apart"], note=lacks)
+    names = {"all": "told apart by a classifier", ON_SMOOTH: ON_SMOOTH}
     for name, (accuracy, control) in accuracies.items():
-        is_whole = name == "all"
         yield Held(
-            quantity="told apart by a classifier" if is_whole else f"told apart by {name} alone",
-            condition=f"{accuracy.patches} patches of {PATCH[0]} x {PATCH[1]}" if is_whole else "",
+            quantity=names.get(name, f"told apart by {name} alone"),
+            condition=f"{accuracy.patches} patches of {PATCH[0]} x {PATCH[1]}" if name in names else "",
             reference=None if control is None else control.accuracy,
             value=accuracy.accuracy,
-            limits=LIMITS["told apart"] if is_whole else UNLIMITED,
+            limits=LIMITS["told apart"] if name == ON_SMOOTH else UNLIMITED,
             note=f"+/- {accuracy.sigma:.2g}",
+        )
+
+
+def _elevations(judged: _Judged, name: str | None) -> Iterator[Held]:
+    """Elevations of the named sensor beside those that a list of points has, which its twin takes over."""
+    scanner = None if name is None else load_sensor(name).scanner
+    if judged.is_list and isinstance(scanner, Spinning) and isinstance(judged.scanner, Spinning):
+        off_rad = rows_of(judged.scanner).elevation_rad - rows_of(scanner).elevation_rad
+        yield Held(
+            quantity="elevations",
+            condition="rms, from the sensor's file",
+            value=float(np.degrees(np.sqrt(np.mean(off_rad**2)))),
+            limits=LIMITS["elevations"],
+            unit="deg",
         )
 
 
@@ -351,23 +386,6 @@ def _sources(rows: Sequence[Held]) -> Table:
     return ("quantity", "limit", "source"), list(limited)
 
 
-def _draw(cloud: PointCloud, path: Path, *, scale: tuple[float, float]) -> None:
-    """Draw a cloud in the sensor's frame, seen from behind and above the sensor.
-
-    Raises:
-        OutputError: if a result cannot be written
-    """
-    perspective_picture(
-        cloud,
-        path,
-        colour_by="range",
-        view=_VIEW,
-        highlight_false_alarms=False,
-        size_px=(1280, 720),
-        colours=FixedColours(limits=scale),
-    )
-
-
 _NOTE = (
     "The recorded pulses beside the same pulses of the simulation. The value is a difference in the unit of the "
     "quantity, a ratio (scatter, pixels at rest), a relative difference (points, signals, ground) or a share. Ranges "
@@ -375,8 +393,10 @@ _NOTE = (
     "plane. Range bias is that of smooth surfaces; scatter is that of second differences along the ring there, or, of "
     "a sensor at rest, of a pixel from frame to frame, on both sides. "
     "The double validation metric is the "
-    "difference of the means (bias) and the area between both distributions without it (scatter). Losses on surfaces "
-    "are lost pulses that meet a surface of the twin; those with a reflectivity and without a range are left out and "
+    "difference of the means (bias) and the area between both distributions without it (scatter). Losses on smooth "
+    "surfaces are lost pulses that meet one in the twin, beside those of the same pulses in other turns or of their "
+    "neighbours in the row; those with a reflectivity and without a range are left out and "
     "counted by themselves. Told apart is the balanced accuracy of trees that learn from patches of both range images "
-    "and judge sectors that they have not seen; 0.5 is chance, and real is that of two recorded sides."
+    "and judge sectors that they have not seen; 0.5 is chance, and real is that of two recorded sides. On smooth "
+    "surfaces only the sensor can tell; leaves and edges are finer than the twin's quads, whatever the sensor."
 )

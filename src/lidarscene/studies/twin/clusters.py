@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...maths.arrays import Numbers
-from .ground import ground_plane
+from .ground import ground_plane, height_above
 from .tuning import ABOVE_GROUND_M, LEAST_OVERLAP, REACH_M, VOXEL_M
 
 LEAST_NEIGHBOURS = 5
@@ -66,8 +66,7 @@ def _above(points_m: Numbers, plane: Numbers | None) -> Numbers:
     """Points more than `ABOVE_GROUND_M` from the ground's plane; all of them without a plane."""
     if plane is None:
         return points_m
-    height_m = points_m[:, 2] - plane[0] - points_m[:, :2] @ plane[1:]
-    return np.asarray(points_m[np.abs(height_m) > ABOVE_GROUND_M])
+    return np.asarray(points_m[np.abs(height_above(plane, points_m)) > ABOVE_GROUND_M])
 
 
 def _clusters(points_m: Numbers, least_voxels: int = 1) -> list[set[tuple[int, ...]]]:

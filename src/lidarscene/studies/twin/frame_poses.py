@@ -4,16 +4,24 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
+from ...errors import OptionWarning, warn
 from ...files.open3d import open3d
 from ...maths.arrays import Numbers
 from ...maths.pose import Pose
 from ...recordings.sweep import Sweep
-from .tuning import CLIP_SIGMAS, LARGEST_CHANGE_M, LARGEST_PAIR_DISTANCE_M, LARGEST_SHIFT_M, REGISTRATION_VOXEL_M
+from .tuning import (
+    CLIP_SIGMAS,
+    LARGEST_CHANGE_M,
+    LARGEST_PAIR_DISTANCE_M,
+    LARGEST_SHIFT_M,
+    LEAST_FIT,
+    REGISTRATION_VOXEL_M,
+)
 
 LEAST_SHARED = 1000
 """Least number of pixels with a return in both frames that tell rest from motion."""
@@ -37,7 +45,7 @@ def place_frames(sweeps: Mapping[int, Sweep], first: int) -> dict[int, Pose]:
         for number in order:
             places[number] = places[previous]
             if not is_at_rest(sweeps[number], sweeps[previous]):
-                places[number] = places[previous] @ _register(cloud_of(number), cloud_of(previous))
+                places[number] = places[previous] @ _register(cloud_of, number, previous)
             previous = number
     return places
 
@@ -90,12 +98,17 @@ def _thin(sweep: Sweep) -> Any:
     return cloud
 
 
-def _register(cloud: Any, reference: Any) -> Pose:
-    """Pose of one cloud in the axes of another that it overlaps, by point-to-plane ICP."""
+def _register(cloud_of: Callable[[int], Any], number: int, reference: int) -> Pose:
+    """Pose of one frame in the axes of another that it overlaps, by point-to-plane ICP; warns if it does not fit."""
     registration = open3d().pipelines.registration
+    cloud, target = cloud_of(number), cloud_of(reference)
+    by_planes = registration.TransformationEstimationPointToPlane()
     matrix = np.eye(4)
     for within_m in LARGEST_PAIR_DISTANCE_M:
-        matrix = registration.registration_icp(
-            cloud, reference, within_m, matrix, registration.TransformationEstimationPointToPlane()
-        ).transformation
+        fit = registration.registration_icp(cloud, target, within_m, matrix, by_planes)
+        matrix = fit.transformation
+    if fit.fitness < LEAST_FIT:
+        near = "frame {0} does not fit frame {1}: {2} of its points are near one of that; "
+        must = "frames must follow each other, up to 8 m apart, or have poses"
+        warn(OptionWarning(near + must, number, reference, f"{fit.fitness:.0%}"))
     return Pose(position_m=np.array(matrix[:3, 3]), rotation=np.array(matrix[:3, :3]))

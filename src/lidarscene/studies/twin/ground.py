@@ -22,7 +22,7 @@ def farthest_ground_m(xyz_m: Numbers) -> float | None:
     if plane is None:
         return None
     range_m = np.sqrt(np.sum(xyz_m**2, axis=1))
-    on_ground = np.abs(_height_above(plane, xyz_m)) < np.maximum(0.1, 0.003 * range_m)
+    on_ground = np.abs(height_above(plane, xyz_m)) < np.maximum(0.1, 0.003 * range_m)
     return float(np.percentile(range_m[on_ground], 99.9))
 
 
@@ -41,7 +41,7 @@ def ground_plane(xyz_m: Numbers) -> Numbers | None:
     start = int(np.argmax(counts >= 0.3 * counts.max()))
     plane: Numbers = np.array([0.5 * (edges[start] + edges[start + 1]), 0.0, 0.0])
     for within_m in (0.3, 0.15, 0.1):
-        chosen = near[np.abs(_height_above(plane, near)) < within_m]
+        chosen = near[np.abs(height_above(plane, near)) < within_m]
         if len(chosen) < LEAST_GROUND:
             return None
         design = np.column_stack([np.ones(len(chosen)), chosen[:, :2]])
@@ -49,6 +49,6 @@ def ground_plane(xyz_m: Numbers) -> Numbers | None:
     return plane
 
 
-def _height_above(plane: Numbers, xyz_m: Numbers) -> Numbers:
+def height_above(plane: Numbers, xyz_m: Numbers) -> Numbers:
     """(n,) vertical distance of points above the plane."""
     return np.asarray(xyz_m[:, 2] - plane[0] - xyz_m[:, :2] @ plane[1:])

@@ -19,7 +19,7 @@ from ...recordings.sweep import Sweep
 from ..held import LIMITS, UNLIMITED, Held, ratio, relative
 from .clusters import share_found_again
 from .ground import farthest_ground_m
-from .matched_pulses import NO_SURFACE, MatchedPulses
+from .matched_pulses import MatchedPulses
 from .surfels import SMOOTH
 from .tuning import CLIP_SIGMAS, OCTAVES_M, SAME_SURFACE_M
 
@@ -29,9 +29,12 @@ RANGE_BINS = 8
 LEAST_PULSES = 50
 """Least number of pulses in a bin of a share or a mean."""
 
-LEAST_SCATTERED = 200
-"""Least number of pulses in an octave of signal whose scatters are compared. Their ratio has a sigma of 10 %, by
-simulation 1.46 over the root of the number: the limits are two of it from 1."""
+LEAST_SCATTERED = 600
+"""Least number of pulses in a bin whose scatters are compared. Their ratio has a sigma of 6 %, by simulation 1.46 over
+the root of the number: one of 2,000 is beyond the limits by chance, so that the worst of 20 bins hardly ever is."""
+
+LEAST_LOSSES = 100
+"""Least number of losses of which a share is held to a limit: that of one pulse in ten is good to 3 %."""
 
 LEAST_CLUSTERS = 5
 """Least number of recorded clusters of which a share is held to a limit."""
@@ -47,32 +50,42 @@ def twin_quantities(
     pulses: MatchedPulses,
     *,
     between: float | None = None,
-    other_columns: Sweep | None = None,
+    again: Numbers | None = None,
+    source: Sweep | None = None,
     is_of_frame: bool = False,
 ) -> list[Held]:
     """Compute the whole table.
 
     Args:
         between: share of pulses that two recorded frames keep or lose differently (`disagreement`); None: not known
-        other_columns: recorded columns of the same frame that the twin was made of; None: it was made of others
+        again: recorded share of each pulse's neighbours that return (`losses_kept`); None: not known
+        source: what the twin was made of, columns of this frame or another at rest; None: something else
         is_of_frame: whether the twin was made of this frame, so that its surfaces are where they were recorded
     """
     rows = [
-        Held(
-            quantity="beam direction",
-            condition="median angle",
-            value=float(np.degrees(np.median(pulses.angle_rad))),
-            limits=LIMITS["beam direction"],
-            unit="deg",
-        ),
+        *_directions(pulses),
         *_nearer(pulses, is_of_frame),
         *_ranges(pulses),
         *_signals(pulses),
         *_points(pulses),
         *_kept_quantities(pulses, between),
+        losses_kept(pulses, again),
     ]
-    rows += [_ground(pulses), *_second(pulses), _clusters(pulses, other_columns)]
+    rows += [_ground(pulses), *_second(pulses), _clusters(pulses, source)]
     return rows
+
+
+def _directions(pulses: MatchedPulses) -> Iterator[Held]:
+    """Median angle between recorded and simulated beams, of all and of the worst ring; of pulses that returned."""
+    returned = pulses.select(pulses.has_return)
+    angle_deg = np.degrees(returned.angle_rad)
+    rings = {ring: float(np.median(angle_deg[returned.ring == ring])) for ring in np.unique(returned.ring).tolist()}
+    worst = max(rings, key=lambda ring: rings[ring], default=None)
+    for quantity, condition, value in (
+        ("beam direction", "median angle", float(np.median(angle_deg)) if rings else None),
+        ("ring direction", "" if worst is None else f"ring {worst}", None if worst is None else rings[worst]),
+    ):
+        yield Held(quantity=quantity, condition=condition, value=value, limits=LIMITS[quantity], unit="deg")
 
 
 def bias_and_scatter(real: Numbers, simulated: Numbers) -> tuple[float, float]:
@@ -255,13 +268,6 @@ def _points(pulses: MatchedPulses) -> Iterator[Held]:
 def _kept_quantities(pulses: MatchedPulses, between: float | None = None) -> Iterator[Held]:
     returned, simulated = pulses.has_return, pulses.has_simulated_return
     yield Held(quantity="real returns kept", value=_share(simulated[returned]), limits=LIMITS["returns kept"])
-    losses = ~returned & ~pulses.withheld & (pulses.kind != NO_SURFACE)
-    yield Held(
-        quantity="real losses on surfaces kept",
-        condition=f"of {int(losses.sum())}",
-        value=_share(simulated[losses]) if losses.sum() >= LEAST_PULSES else None,
-        limits=LIMITS["losses kept"],
-    )
     if pulses.withheld.any():
         yield Held(
             quantity="found but withheld by the real sensor, kept",
@@ -274,6 +280,26 @@ def _kept_quantities(pulses: MatchedPulses, between: float | None = None) -> Ite
         reference=between,
         value=_share(returned != simulated),
         limits=UNLIMITED if between is None else LIMITS["disagreement"].shifted(between),
+    )
+
+
+def losses_kept(pulses: MatchedPulses, again: Numbers | None = None) -> Held:
+    """Share of the recorded losses on smooth surfaces that the simulation keeps, beside what the recording keeps there.
+
+    A pulse that is lost by chance is kept the next time. Where surfaces are not smooth the twin does not know what a
+    beam met: leaves, edges and gaps are finer than its quads.
+
+    Args:
+        again: (n,) recorded share of the same pulse in other turns, or of its neighbours in the row; None: not known
+    """
+    lost = ~pulses.has_return & ~pulses.withheld & (pulses.kind == SMOOTH)
+    reference = None if again is None else _share(again[lost])
+    return Held(
+        quantity="real losses on smooth surfaces kept",
+        condition=f"of {int(lost.sum())}" + ("" if again is None else ", real: in other turns or columns"),
+        reference=reference,
+        value=_share(pulses.has_simulated_return[lost]) if lost.sum() >= LEAST_LOSSES else None,
+        limits=LIMITS["losses kept"] if reference is None else LIMITS["losses kept again"].shifted(reference),
     )
 
 
@@ -306,22 +332,22 @@ def _points_m(pulses: MatchedPulses) -> tuple[Numbers, Numbers]:
     return pulses.xyz_m[pulses.has_return], pulses.simulated_xyz_m[pulses.has_simulated_return]
 
 
-def _clusters(pulses: MatchedPulses, other_columns: Sweep | None = None) -> Held:
+def _clusters(pulses: MatchedPulses, source: Sweep | None = None) -> Held:
     """Share of the clusters above the ground that perception finds again in the simulated cloud.
 
-    The reference is the share that it finds in the recorded ``other_columns``: a twin of them knows no more.
+    The reference is the share that it finds in the recorded ``source``: a twin of that knows no more.
     """
     real_m, simulated_m = _points_m(pulses)
     clusters = share_found_again(real_m, simulated_m)
     share, number = (None, 0) if clusters is None else clusters
-    in_others = (
-        None if other_columns is None else share_found_again(real_m, other_columns.xyz_m[other_columns.has_return])
-    )
+    in_source = None if source is None else share_found_again(real_m, source.xyz_m[source.has_return])
+    reference = None if in_source is None else in_source[0]
     return Held(
         quantity="clusters found again",
-        condition=f"of {number}" if in_others is None else f"of {number}, real: in the other columns",
-        reference=None if in_others is None else in_others[0],
-        value=share if number >= LEAST_CLUSTERS else None,
+        condition=f"of {number}" + ("" if in_source is None else ", real: in what the twin is made of"),
+        reference=reference,
+        simulated=share,
+        value=None if number < LEAST_CLUSTERS else share if reference is None else ratio(share, reference),
         limits=LIMITS["clusters"],
     )
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from fractions import Fraction
 
 import numpy as np
 
@@ -15,6 +17,7 @@ from ...recordings.sweep import Sweep
 from ...rendering.render_options import FrameOptions
 from ...rendering.simulator import Simulator
 from ...scan.spinning import Spinning
+from ...scan.turns import Turns
 from ...scene.scene import Scene
 from ...sensor.sensor_model import Sensor
 from .apparent_reflectivity import withheld_mask
@@ -103,6 +106,7 @@ def simulate_pulses(
     Raises:
         InputError: where the sensor does not fire the recording's pulses
     """
+    sensor = in_step(sensor, sweep)
     numbers, angle_rad = match_pulses(sensor, sweep)
     simulator = Simulator(scene, sensor, pose=pose, rays=RAYS if sensor.tdc.stops > 1 else 1)
     chunks: list[tuple[Numbers, Mapping[str, Numbers]]] = []
@@ -167,11 +171,16 @@ def strength_of(sweep: Sweep) -> Numbers | None:
 
 def ranges_from_exit(sensor: Sensor, sweep: Sweep, numbers: Numbers) -> Numbers:
     """Recorded ranges, counted from the exit of the simulated beam."""
-    start = sensor.scanner.offset_m(np.arange(sensor.scanner.pulses, dtype=np.uint32))
-    if start is None and sweep.origin_m is None:
+    exit_m = _exits_m(sensor, numbers)
+    if exit_m is None and sweep.origin_m is None:
         return sweep.range_m
-    exit_m = np.zeros(3) if start is None else np.stack([np.asarray(x, np.float64) for x in start], axis=-1)[numbers]
-    return np.asarray(np.einsum("...i,...i", sweep.xyz_m - exit_m, sweep.direction))
+    return np.asarray(np.einsum("...i,...i", sweep.xyz_m - (0.0 if exit_m is None else exit_m), sweep.direction))
+
+
+def _exits_m(sensor: Sensor, numbers: Numbers) -> Numbers | None:
+    """Exit of each of these pulses [m]; None if all start at the origin."""
+    start = sensor.scanner.offset_m(np.arange(sensor.scanner.pulses, dtype=np.uint32))
+    return None if start is None else np.stack([np.asarray(x, np.float64) for x in start], axis=-1)[numbers]
 
 
 def _ranges_towards(fired: Numbers, direction: Numbers, range_m: Numbers) -> Numbers:
@@ -207,11 +216,32 @@ def fired_directions(sensor: Sensor) -> Numbers:
     return np.stack([np.asarray(x, np.float64) for x in sensor.scanner.direction(pulse)], axis=-1)
 
 
+def in_step(sensor: Sensor, sweep: Sweep) -> Sensor:
+    """The sensor with its head where it was in this frame, if no encoder has turns begin alike.
+
+    The step from column to column is that of the recorded turn, since motors are not exact. The head's angle within a
+    step is the mean of what recorded beams are ahead of the nearest simulated ones.
+    """
+    scanner = sensor.scanner
+    if not isinstance(scanner, Spinning) or scanner.phase(scanner.pulses) == scanner.phase(0) or not has_grid(sweep):
+        return sensor
+    azimuth, _ = angles_from(sweep.direction)
+    turn = np.unwrap(azimuth, axis=1)
+    half = sweep.shape[1] // 2
+    step_rad = abs(float(np.median(turn[:, half:] - turn[:, :-half]))) / half
+    turns = Fraction(math.copysign(step_rad / math.tau, float(wrapped(scanner.head.angle_rad(np.arange(2)) @ (-1, 1)))))
+    scanner = replace(scanner, head=Turns.from_fraction(turns))
+    fired, _ = angles_from(fired_directions(replace(sensor, scanner=scanner)))
+    ahead = np.exp(2j * np.pi / step_rad * (azimuth - fired[match_pulses(replace(sensor, scanner=scanner), sweep)[0]]))
+    by_rad = step_rad / math.tau * float(np.angle(np.mean(ahead[sweep.has_return])))
+    return replace(sensor, scanner=replace(scanner, head=scanner.head.turned(by_rad)))
+
+
 def match_pulses(sensor: Sensor, sweep: Sweep) -> tuple[Numbers, Numbers]:
     """Pulse number of each pixel of a sweep, and the angle between recorded and simulated direction [rad].
 
     Rows go by elevation; in each row the pulse of the nearest azimuth is taken. Where beams draw no rows it is the
-    nearest of all.
+    nearest of all. Drivers that tell no exits count points from these or from the origin: the nearer beams are taken.
 
     Raises:
         InputError: for a list of points, another number of channels, or a median angle above `LARGEST_ANGLE_RAD`
@@ -230,7 +260,7 @@ def match_pulses(sensor: Sensor, sweep: Sweep) -> tuple[Numbers, Numbers]:
         raise InputError(f"the sensor must have {sweep.shape[0]} channels, as the recording has, got {len(channels)}")
     height = [float(np.median(fired[channel == number, 2])) for number in channels]
     rows = np.argsort(-np.median(sweep.direction[..., 2], axis=1), kind="stable")
-    numbers, angle = np.zeros(sweep.shape, np.int64), np.zeros(sweep.shape)
+    numbers = np.zeros(sweep.shape, np.int64)
     for row, row_channel in zip(rows, channels[np.argsort(-np.array(height), kind="stable")], strict=True):
         row_pulses = np.flatnonzero(channel == row_channel)
         azimuth, _ = angles_from(fired[row_pulses])
@@ -242,9 +272,12 @@ def match_pulses(sensor: Sensor, sweep: Sweep) -> tuple[Numbers, Numbers]:
         target_azimuth = midpoints[-1] - (midpoints[-1] - target_azimuth) % (2.0 * np.pi)
         nearest = np.searchsorted(midpoints, target_azimuth) % len(row_pulses)
         numbers[row] = row_pulses[order][nearest]
-        sine = np.linalg.norm(np.cross(fired[numbers[row]], sweep.direction[row]), axis=-1)
-        angle[row] = np.arcsin(sine.clip(0.0, 1.0))
-    return numbers, _near_enough(angle, sweep)
+    beams, exit_m = [sweep.direction], _exits_m(sensor, numbers)
+    if exit_m is not None and sweep.origin_m is None:
+        beams.append(np.where(sweep.has_return[..., None], sweep.xyz_m - exit_m, sweep.direction))
+    sines = [np.linalg.norm(np.cross(fired[numbers], b), axis=-1) / np.linalg.norm(b, axis=-1) for b in beams]
+    sine = min(sines, key=lambda values: float(np.median(values[sweep.recorded])))
+    return numbers, _near_enough(np.arcsin(sine.clip(0.0, 1.0)), sweep)
 
 
 def _near_enough(angle_rad: Numbers, sweep: Sweep) -> Numbers:

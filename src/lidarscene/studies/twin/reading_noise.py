@@ -122,8 +122,8 @@ def surface_without_noise(sensor: Sensor, grid: Grid, planes: Planes, apparent: 
     )
     off_m = without_noise(measured_m - flat_m, range_sigma_m, noise.correlation)
     # On ground that is seen flat a pixel may be near its plane and metres off along the beam. Quads out there would
-    # stand before their neighbours, as a second surface.
-    kept = np.where(planes.has_plane, np.clip(2.0 - np.abs(off_m) / MOST_BEAM_M, 0.0, 1.0), 1.0)
+    # stand before their neighbours, as a second surface. A corner's plane is that of neither side: pixels stay there.
+    kept = np.where(planes.smooth(), np.clip(2.0 - np.abs(off_m) / MOST_BEAM_M, 0.0, 1.0), 1.0)
     range_m = flat_m + kept * off_m
     log_apparent = without_noise(np.where(returned, np.log(apparent), np.nan), noise.log_strength, INDEPENDENT)
     return np.where(returned, range_m, planes.range_m), np.where(returned, np.exp(log_apparent), apparent)

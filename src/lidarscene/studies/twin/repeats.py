@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from ...maths.arrays import Numbers
 from ..held import LIMITS, Held, ratio
 from .judge import LEAST_PULSES, LEAST_SCATTERED, spread
 from .matched_pulses import NO_SURFACE, MatchedPulses
+from .surfels import SMOOTH
 from .tuning import OCTAVES_M, SAME_SURFACE_M
 
 STRENGTHS = 4
@@ -61,37 +62,39 @@ class Repeats:
     simulated_range_m: Numbers
     strength: Numbers | None
     simulated_strength: Numbers | None
+    is_smooth: Numbers
 
     @classmethod
     def from_frames(cls, frames: Sequence[MatchedPulses], pulses: int) -> Repeats:
         """Order the matched pulses of each frame; the scanner fires so many a frame."""
 
-        def by_pulse(name: str) -> Numbers | None:
+        def by_pulse(name: str) -> Any:
+            if getattr(frames[0], name) is None:
+                return None
             values = np.full((len(frames), pulses), np.nan)
             for row, frame in zip(values, frames, strict=True):
-                if getattr(frame, name) is None:
-                    return None
                 row[frame.pulse] = getattr(frame, name)
             return values
 
-        range_m, simulated_range_m = by_pulse("range_m"), by_pulse("simulated_range_m")
-        assert range_m is not None
-        assert simulated_range_m is not None
-        return cls(
-            range_m=range_m,
-            simulated_range_m=simulated_range_m,
-            strength=by_pulse("strength"),
-            simulated_strength=by_pulse("simulated_strength"),
-        )
+        ranges_and_strengths = [field.name for field in fields(cls) if field.name != "is_smooth"]
+        return cls(**{name: by_pulse(name) for name in ranges_and_strengths}, is_smooth=by_pulse("kind") == SMOOTH)
 
     def changes(self) -> Changes:
-        """Changes between frames that follow each other."""
+        """Changes between frames that follow each other, on smooth surfaces.
+
+        Elsewhere beams that miss meet another leaf or stair, which is finer than the twin's quads.
+        """
+        smooth = self.is_smooth[1:]
         return Changes(
-            range_m=self.range_m[1:].ravel(),
-            strength=None if self.strength is None else self.strength[1:].ravel(),
-            real_m=changes_m(self.range_m).ravel(),
-            simulated_m=changes_m(self.simulated_range_m).ravel(),
+            range_m=self.range_m[1:][smooth],
+            strength=None if self.strength is None else self.strength[1:][smooth],
+            real_m=changes_m(self.range_m)[smooth],
+            simulated_m=changes_m(self.simulated_range_m)[smooth],
         )
+
+    def kept_again(self, pulses: MatchedPulses) -> Numbers:
+        """(n,) recorded share of each pulse that returns in the other frames, if it was lost in its own."""
+        return np.asarray(np.isfinite(self.range_m).sum(axis=0)[pulses.pulse] / (len(self.range_m) - 1))
 
     def quantities(self) -> Iterator[Held]:
         """Rows on pixels that flicker, jump or scatter."""

@@ -168,6 +168,10 @@ REGISTRATION_VOXEL_M = 0.3
 LARGEST_PAIR_DISTANCE_M = (2.0, 0.5)
 """Choice: largest distance of paired points in the first and the second round of registration."""
 
+LEAST_FIT = 0.6
+"""Choice: share of a frame's points that must have a partner in the last round: of frames up to 8 m apart .74 to .95
+have, of others .14 to .45."""
+
 LARGEST_CHANGE_M = 0.1
 """Choice: change of a pixel's range beyond which it met another surface."""
 

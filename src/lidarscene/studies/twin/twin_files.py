@@ -19,10 +19,11 @@ import numpy as np
 from ...catalog import sensor_path
 from ...errors import InputError, OptionError
 from ...figures.report import count_text
-from ...files.atomic import atomic_output, put_text, require_writable
+from ...files.atomic import put_text, require_writable
 from ...files.json_text import json_text
 from ...files.toml import validate
 from ...files.toml_edit import put_values
+from ...formats.ply import write_columns
 from ...maths.arrays import Numbers
 from ...maths.pose import Pose
 from ...recordings.pcap_reader import metadata_of
@@ -260,22 +261,11 @@ def _meshes(quads: Surfels, folder: Path) -> list[tuple[str, str, float | None]]
 
 def _mesh(path: Path, corners_m: Numbers, reflectivity: Numbers | None) -> None:
     """Write a binary PLY of quads as two triangles each, with the reflectivity of their corners."""
-    vertex = np.zeros(4 * len(corners_m), [("xyz", "<f8", 3), ("reflectivity", "<f4")])
-    vertex["xyz"] = corners_m.reshape(-1, 3)
-    if reflectivity is not None:
-        vertex["reflectivity"] = np.repeat(reflectivity, 4)
-    face = np.zeros(2 * len(corners_m), [("count", "u1"), ("corners", "<i4", 3)])
-    face["count"] = 3
-    face["corners"] = (4 * np.arange(len(corners_m))[:, None] + [0, 1, 2, 0, 2, 3]).reshape(-1, 3)
-    header = (
-        f"ply\nformat binary_little_endian 1.0\ncomment lidarscene twin\nelement vertex {len(vertex)}\n"
-        "property double x\nproperty double y\nproperty double z\nproperty float reflectivity\n"
-        f"element face {len(face)}\nproperty list uchar int vertex_indices\nend_header\n"
-    )
-    with atomic_output(path) as temporary, open(temporary, "wb") as file:
-        file.write(header.encode())
-        file.write(vertex.tobytes())
-        file.write(face.tobytes())
+    columns = dict(zip("xyz", corners_m.reshape(-1, 3).T, strict=True))
+    strength = np.zeros(len(corners_m)) if reflectivity is None else reflectivity
+    columns["reflectivity"] = np.repeat(strength, 4).astype(np.float32)
+    faces = (4 * np.arange(len(corners_m))[:, None] + [0, 1, 2, 0, 2, 3]).reshape(-1, 3)
+    write_columns(path, columns, comments=("lidarscene twin",), faces=faces)
 
 
 def scene_text(name: str, bodies: Sequence[tuple[str, str, float | None]], pose: Pose, klux: float) -> str:
