@@ -51,8 +51,8 @@ AT_REST = {
     "tdc.chatter_mhz": 150.0,
 }
 """Choice: median numbers of the units at rest, in the units of their keys."""
-LIGHTS = (0.5, 3.0)
-"""Choice: least and largest power of these units over the file's."""
+LIGHTS = ((0.5, 3.0), (0.3, 0.3), (3.0, 3.0))
+"""Choice: least and largest power of these units over the file's, in turn."""
 STREET = Path(__file__).parents[1] / "scenes" / "drive.toml"
 
 
@@ -144,17 +144,20 @@ def with_street() -> None:
     print(f"{len(range_m)} pulses, {fit.solved.evaluations} evaluations")
 
 
-def at_rest(seeds: int) -> None:
+def at_rest(seeds: int, lights: tuple[float, float]) -> None:
     """Fit units with columns of 450 whose numbers, light and walls are drawn anew each time, and forgotten.
 
     Prints the root of the mean square of the relative errors, and the median of the intervals.
+
+    Args:
+        lights: least and largest power over the file's
     """
     changed: Changes = {"scanner.columns_per_turn": (450, ""), "laser.repetition_rate_khz": (288.0, "")}
     base = put_changes(sensor_path("pandar64").read_text("utf-8"), changed)
     found: dict[str, list[tuple[float, float]]] = {}
     for seed in range(seeds):
         random = np.random.default_rng(1000 + seed)
-        light = math.exp(random.uniform(*np.log(LIGHTS)))
+        light = math.exp(random.uniform(*np.log(lights)))
         truth = {key: value * math.exp(0.25 * random.normal()) for key, value in AT_REST.items()}
         scale = math.exp(0.2 * random.normal())
         drawn = {POWER: light * float(get_key(base, POWER)), **truth}
@@ -200,4 +203,6 @@ if __name__ == "__main__":
     with_two_lenses(count)
     with_scene(count)
     with_street()
-    at_rest(count)
+    for drawn_from in LIGHTS:
+        print("at rest, {:g} to {:g} times the power of the file".format(*drawn_from))
+        at_rest(count, drawn_from)

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from helpers.turns_at_rest import turns_at_rest
 
 from lidarscene import load_scene
 from lidarscene.catalog import sensor_path
+from lidarscene.errors import InputError
 from lidarscene.figures.report import Report
 from lidarscene.maths.arrays import Numbers
 from lidarscene.physics.photon_counting import shared_shots
@@ -33,7 +35,7 @@ from lidarscene.studies.fit.at_rest import (
 )
 from lidarscene.studies.fit.binned_fit import Statistics
 from lidarscene.studies.fit.estimates import Solution
-from lidarscene.studies.fit.pixels_at_rest import PixelsAtRest, pixels_at_rest
+from lidarscene.studies.fit.pixels_at_rest import PixelsAtRest, pixels_at_rest, unrounded
 from lidarscene.studies.fit.recorded_pulses import BLOCK_COLUMNS
 from lidarscene.studies.fit.recording_fit import SCALE_NOTE, fit_recordings, misses_of
 from lidarscene.studies.fit.sensor_text import at_rest_changes, parse_sensor, put_changes
@@ -79,6 +81,7 @@ def pixels(seed: int, *, number: int = 9000, frames: int = 4, steepest: float = 
         range_m=np.broadcast_to(range_m, (frames, number)),
         strength=np.broadcast_to(100.0 * apparent, (frames, number)),
         apparent=apparent,
+        apparent_error=np.zeros(number),
         cos_incidence=1.0 / np.hypot(1.0, tangent),
         row_slope=np.zeros(number),
         block=rng.integers(0, 1800 // BLOCK_COLUMNS, number),
@@ -97,7 +100,9 @@ def read_by(sensor: Sensor, seen: PixelsAtRest, seed: int) -> PixelsAtRest:
     read = replace(seen, range_m=range_m, strength=np.exp(log_strength))
     read = read.select(np.isfinite(range_m[0]))
     assert read.strength is not None
-    return replace(read, apparent=np.nanmean(read.strength, axis=0) / 100.0)
+    strength = np.nanmean(read.strength, axis=0)
+    smooth, error = unrounded(strength, read.cos_incidence)
+    return replace(read, apparent=smooth * strength / 100.0, apparent_error=error)
 
 
 def deviations(text: str, recorded: PixelsAtRest, truth: dict[str, float]) -> dict[str, float]:
@@ -117,6 +122,36 @@ def test_the_numbers_of_an_apd_are_found_again() -> None:
     found = deviations(PANDAR, read_by(parse_sensor(text, "truth"), pixels(0), 0), TRUTH)
     assert found.keys() == TRUTH.keys()
     assert max(map(abs, found.values())) < 3.5
+
+
+def test_strengths_of_few_steps_have_one_error_that_is_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pixels known to 10 % move by all of it, those known to 2 % by a fifth, and 10 % is what is expected of it.
+
+    Rationale: all ground errs together, by 8 % in one twin; as errors of each bin alone that would average out.
+    """
+    recorded = read_by(parse_sensor(PANDAR, "truth"), pixels(0), 0)
+    error = np.where(recorded.lean_m > 100.0, 0.1, 0.02)
+    seen: list[Numbers] = []
+    expected: list[Numbers] = []
+    solve = at_rest.solve
+
+    def simulated(boards: Boards, _: Sensor) -> Statistics:
+        seen.append(boards.pixels.apparent)
+        return boards.recorded()
+
+    def asked(recorded: Statistics, predict: Any, start: Numbers, *rest: Any, **more: Any) -> Solution:
+        if start.ndim == 1:
+            return solve(recorded, predict, start, *rest, **more)
+        predict(start[0] + np.outer([0.0, 0.2], np.arange(start.shape[1]) == start.shape[1] - 1))
+        expected.append(more["prior"].sigma)
+        raise InputError("asked")
+
+    monkeypatch.setattr(Boards, "simulated", simulated)
+    monkeypatch.setattr(at_rest, "solve", asked)
+    fit_at_rest(replace(recorded, apparent_error=error), PANDAR, "unit.toml")
+    fitted = recorded.fitted
+    np.testing.assert_allclose(seen[1] / seen[0], np.exp(0.2 * error[fitted] / 0.1))
+    np.testing.assert_array_equal(expected[0], [np.inf] * 5 + [0.1])
 
 
 def test_the_beam_rests_on_no_chatter_of_the_file(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,10 +34,10 @@ from ..twin.judge import CLIPPED_DEVIATION, spread
 from ..twin.reading_noise import noise_by_step, pointing_noise_m, read_boards
 from ..twin.repeats import changes_m, held_share, kept_by_bin
 from ..twin.tuning import ASSUMED_KLUX, CLIP_SIGMAS, OCTAVES_M, SAME_SURFACE_M
-from .binned_fit import Statistics, solve
-from .estimates import Estimate, Solution
+from .binned_fit import Prior, Statistics, solve
+from .estimates import Estimate, Solution, exponential
 from .near_field import LEAST_BINS
-from .pixels_at_rest import PixelsAtRest
+from .pixels_at_rest import PixelsAtRest, step_of
 from .published_fit import POWER
 from .scatter import is_strong
 from .sensor_text import Changes, at_rest_changes, get_key, parse_sensor, put_changes
@@ -59,7 +59,7 @@ from .tuning import (
     PIXELS_OF_BIN,
     READINGS,
     REST_BOUNDS,
-    ROUNDING,
+    STRENGTH_BOUNDS,
 )
 
 ENERGY, COLUMNS = "laser.energy_spread", "histogram.column_range_sigmas"
@@ -73,6 +73,9 @@ FLOOR, SLOPE = "range_floor_at_rest", "range_noise_at_rest"
 LIGHT = "light_over_noise_at_rest"
 """Signal of a reflectivity over the noise, in that of the file: power, lens and the scale of the intensities are one
 product, so it is no key of a file."""
+
+STRENGTH = "strength_of_few_steps_at_rest"
+"""Strength of surfaces that read few whole numbers over what is taken for it, of those that are known the least."""
 
 UNITS = {ENERGY: "", COLUMNS: "", FLOOR: "mm", SLOPE: "mm/m2", LIGHT: "times"} | {
     key: key.rpartition("_")[2].replace("mhz", "MHz") for key in CONVERTER
@@ -158,18 +161,6 @@ class Boards:
         members = np.split(np.arange(len(share)), np.cumsum([len(chosen) for chosen in self.drawn])[:-1])
         return Statistics.join(_of_bins(range_m, share, members, drawn.block))
 
-    def error(self, sensor: Sensor) -> Numbers:
-        """(k,) standard deviation of what is simulated: by so few readings, and by strengths that are whole numbers."""
-        pixels, sigma = self.pixels, np.nan_to_num(self.simulated(sensor).sigma)
-        if pixels.strength is None:
-            return sigma
-        off = ROUNDING / np.maximum(np.nanmean(pixels.strength, axis=0), 1.0)
-        low, high = (
-            replace(self, pixels=replace(pixels, apparent=pixels.apparent * (1.0 + sign * off))).simulated(sensor).value
-            for sign in (-1.0, 1.0)
-        )
-        return np.asarray(np.hypot(sigma, np.nan_to_num(0.5 * (high - low))))
-
 
 def _of_bins(
     range_m: Numbers, share: Numbers, members: Sequence[Numbers], block: Numbers
@@ -229,11 +220,7 @@ def _estimates(law: Law) -> Iterator[Estimate]:
     keys, solved, _ = law
     for index, key in enumerate(keys):
         if solved is not None and key in UNITS:
-            yield solved.estimate(key, UNITS[key], _exponential(index))
-
-
-def _exponential(index: int) -> Callable[[Numbers], float]:
-    return lambda logs: math.exp(logs[index])
+            yield solved.estimate(key, UNITS[key], exponential(index))
 
 
 def _changes(values: Mapping[str, float]) -> Changes:
@@ -251,8 +238,7 @@ def _energy(pixels: PixelsAtRest, sensor: Sensor) -> Law:
         logs = np.where(pixels.strength > 0.0, np.log(pixels.strength), np.nan)
     strength, range_m = np.maximum(np.nanmean(pixels.strength, axis=0), LEAST_OF_STRENGTH), pixels.mean_m
     keys = 2.0 * np.log2([strength, range_m])
-    read = np.unique(pixels.strength[np.isfinite(pixels.strength)])
-    logs[:, strength < LEAST_STEPS * np.min(np.diff(read), initial=np.inf)] = np.nan
+    logs[:, strength < LEAST_STEPS * step_of(pixels.strength)] = np.nan
     members, recorded = _binned(pixels, keys, np.diff(logs, axis=0) / math.sqrt(2.0))
     terms = np.stack([np.ones_like(range_m), strength**-2.0, range_m**2 / strength])
     if recorded is not None:
@@ -380,6 +366,8 @@ def _converter(pixels: PixelsAtRest, text: str, where: str) -> Law:
     if np.min((recorded.value + 2.0 * recorded.spread(recorded.value))[kept]) > MOST_KEPT:
         reasons[CHATTER] = f"no surface loses more than {1.0 - MOST_KEPT:.0%} of its pulses"
     keys = [key for key in (*CONVERTER, LIGHT) if key == CHATTER or key not in reasons]
+    if pixels.apparent_error.any():
+        keys.append(STRENGTH)
     names, solved, more = _converter_law(boards, recorded, keys, text, where)
     reasons = more | reasons
     told = f": {LIGHT}" if LIGHT in names else ", and not here"
@@ -404,28 +392,31 @@ def _converter(pixels: PixelsAtRest, text: str, where: str) -> Law:
 
 def _converter_law(boards: Boards, recorded: Statistics, keys: Sequence[str], text: str, where: str) -> Law:
     """Fit these keys to the statistics of the boards; without the beam if the file refuses one that is tried."""
-    middle_m = np.median(boards.pixels.mean_m)
+    pixels = boards.pixels
+    middle_m, least_known = np.median(pixels.mean_m), np.max(pixels.apparent_error)
 
     def height_of(sensor: Sensor) -> float:
         return float(detection_margin(sensor, Target(illuminance_klux=ASSUMED_KLUX), middle_m)[0])
 
     given = height_of(parse_sensor(text, where))
 
-    def sensor_of(logs: Numbers) -> Sensor:
-        """Sensor whose beam may be wider than its field: the light that it then loses is that of LIGHT."""
+    def simulated(logs: Numbers) -> Statistics:
+        """Statistics of a sensor whose beam may be wider than its field: the light that it then loses is LIGHT's."""
         values = dict(zip(keys, np.exp(logs).tolist(), strict=True))
+        apparent = pixels.apparent * values.pop(STRENGTH, 1.0) ** (pixels.apparent_error / max(least_known, 1e-9))
         light = given * values.pop(LIGHT)
         sensor = parse_sensor(text, where, _changes(values))
         power_w = sensor.laser.peak_power_w * light / height_of(sensor)
-        return replace(sensor, laser=replace(sensor.laser, peak_power_w=power_w))
+        sensor = replace(sensor, laser=replace(sensor.laser, peak_power_w=power_w))
+        return replace(boards, pixels=replace(pixels, apparent=apparent)).simulated(sensor)
 
-    tried = REST_BOUNDS | {LIGHT: LIGHT_BOUNDS}
+    tried = REST_BOUNDS | {LIGHT: LIGHT_BOUNDS, STRENGTH: STRENGTH_BOUNDS}
     start = np.log([get_key(text, key) or math.sqrt(math.prod(tried[key])) for key in keys])
     bounds = np.log([tried[key] for key in keys]).T
 
     def predict(places: Numbers) -> Numbers:
-        simulated = np.stack([boards.simulated(sensor_of(logs)).value for logs in places])
-        return np.where(np.isfinite(simulated), simulated, recorded.value)
+        values = np.stack([simulated(logs).value for logs in places])
+        return np.where(np.isfinite(values), values, recorded.value)
 
     try:
         starts = np.where(np.array(keys) == LIGHT, np.log(LIGHT_STARTS)[:, None], start)
@@ -435,7 +426,8 @@ def _converter_law(boards: Boards, recorded: Statistics, keys: Sequence[str], te
             np.clip(starts, *bounds),
             bounds,
             step=LOG_STEP,
-            error=lambda logs: boards.error(sensor_of(logs)),
+            prior=Prior(start, np.where(np.array(keys) == STRENGTH, least_known, np.inf)),
+            error=lambda logs: np.nan_to_num(simulated(logs).sigma),
         )
         in_common = np.diag(np.where(np.array(keys) == LIGHT, LIGHT_ERROR**2, 0.0))
         apart = 0.0 if solved.held_covariance is None else solved.held_covariance

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,7 +14,8 @@ from ...maths.special import SIGMA_PER_MAD
 from .estimates import Solution, huber_weight
 from .tuning import (
     CURVE_HUBER,
-    FIRST_MISFIT,
+    FAR_SQUARE,
+    FOLLOWED,
     INTERVALS,
     LEAST_LIKELY,
     MOST_STEPS,
@@ -85,6 +86,20 @@ class Statistics:
         return map_arrays(lambda *values: np.concatenate(values, axis=-1), *numbered)
 
 
+class Prior(NamedTuple):
+    """What is expected of p parameters.
+
+    Attributes:
+        value: (p,) parameters
+        sigma: (p,) their standard deviations; inf: nothing is expected
+        misfit: misfit of the law that the solver begins with
+    """
+
+    value: Numbers
+    sigma: Numbers
+    misfit: float = 0.0
+
+
 def misfit_beyond(residual: Numbers, sigma: Numbers) -> float:
     """Standard deviation of residuals beyond their own sigma, by medians: a few bins may follow laws of their own."""
     excess = float(np.median((SIGMA_PER_MAD * residual) ** 2 - sigma**2))
@@ -98,7 +113,7 @@ def solve(
     bounds: Numbers,
     *,
     step: float,
-    prior: Numbers | None = None,
+    prior: Prior | None = None,
     error: Callable[[Numbers], Numbers | float] = lambda _: 0.0,
 ) -> Solution:
     """Fit parameters to statistics; bins that no law meets count less (Huber's weight).
@@ -108,19 +123,20 @@ def solve(
 
     Args:
         predict: (m, k) statistics of (m, p) parameters
-        start: (p,) parameters, or (s, p) of several starts; the others count unless the first one decides (`_decides`)
+        start: (p,) parameters, or (s, p) of several starts. From the end of the first one go the others' ways from it;
+            where these lead to places not far off the recording, other ends are sought
         bounds: (2, p) of the parameters
         step: of the first central differences that are the slopes; later ones reach along the main axes of the interval
             to its end, since over short ways the noise of a simulated law counts as information. They are taken at the
             nearest node of a lattice of such steps, so that places near each other share their statistics. Beside a
             step of the law, where a fit may end, those of the interval are to that side on which it changes less
-        prior: (2, p) expected parameters, and their standard deviations; None: nothing is expected
+        prior: what is expected; None: nothing
         error: (k,) standard deviation of what is predicted at (p,) parameters
     """
     from scipy.optimize import least_squares
 
     places = np.atleast_2d(start)
-    expected, width = np.stack([places[0], np.full_like(places[0], np.inf)]) if prior is None else prior
+    expected, width, first_misfit = prior or Prior(places[0], np.full_like(places[0], np.inf))
     known: dict[tuple[float, ...], Numbers] = {}
 
     def laws(asked: Numbers) -> Numbers:
@@ -156,13 +172,16 @@ def solve(
 
     rules: dict[str, Any] = {"x_scale": "jac", "max_nfev": MOST_STEPS, "xtol": 1e-5, "ftol": 1e-4}
     moves, sigma, weight = step * np.eye(len(expected)), spread(places[0]), np.ones_like(recorded.value)
-    misfit = np.full_like(recorded.value, 0.0 if prior is None else FIRST_MISFIT)
+    misfit = np.full_like(recorded.value, first_misfit)
     for number in range(ROUNDS):  # misfit and weights follow from the residuals, which follow from the weights
-        root, ends = np.sqrt(weight) / np.hypot(sigma, misfit), []
-        for place in places:
-            ends.append(least_squares(residuals, place, slopes, bounds, args=(root,), **rules))
-            if number == 0 and _decides(ends[0].cost, ends[0].jac):
-                break
+        root = np.sqrt(weight) / np.hypot(sigma, misfit)
+        ends = [least_squares(residuals, places[0], slopes, bounds, args=(root,), **rules)]
+        if number == 0:
+            others = np.clip(ends[0].x + places[1:] - places[0], *bounds)
+            off = np.array([np.sum(residuals(other, root) ** 2) for other in others])
+            near = np.flatnonzero(off < 2.0 * ends[0].cost + FAR_SQUARE * len(root))
+            places = np.vstack([places[:1], others[near[np.argsort(off[near])[:FOLLOWED]]]])
+        ends += [least_squares(residuals, place, slopes, bounds, args=(root,), **rules) for place in places[1:]]
         best = int(np.argmin([end.cost for end in ends]))
         found = ends[best]
         residual, sigma = recorded.value - laws(found.x[None])[0], spread(found.x)
@@ -197,11 +216,6 @@ def solve(
         held_covariance=(chances / chances.sum() * (places - found.x).T) @ (places - found.x),
         at_limit=found.status == 0,
     )
-
-
-def _decides(cost: float, jacobian: Numbers) -> bool:
-    """True of an end of a solver that fits as well as chance allows and leaves no parameter open."""
-    return 2.0 * cost < len(jacobian) and bool(np.diag(_covariance(jacobian)).max() < UNKNOWN_SIGMA**2)
 
 
 def _axes(covariance: Numbers, least: float) -> Numbers:

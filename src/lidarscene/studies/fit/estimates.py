@@ -8,6 +8,7 @@ from the solution, theta + H^-1 sum_b (w_b - 1) s_b with w_b how often block b w
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -137,6 +138,11 @@ class Solution:
         covariance = self.covariance
         sigma = np.sqrt(np.diag(covariance))
         return np.asarray(covariance / np.outer(sigma, sigma))
+
+
+def exponential(index: int) -> Callable[[Numbers], float]:
+    """Formula of a number whose logarithm is a parameter."""
+    return lambda logs: math.exp(logs[index])
 
 
 def drawn_counts(blocks: int, seed: int = 0) -> Numbers:

@@ -23,13 +23,14 @@ from ...maths.special import expm1
 from ...physics.optics import receiver
 from ...sensor.overlap import Alignment
 from ...sensor.sensor_model import Sensor
-from .binned_fit import Statistics, misfit_beyond, solve
-from .estimates import Estimate, Solution
+from .binned_fit import Prior, Statistics, misfit_beyond, solve
+from .estimates import Estimate, Solution, exponential
 from .products import near_field_m, white_over_range_m2
 from .recorded_pulses import RecordedPulses
 from .tuning import (
     CURVE_STEP,
     FAR_RATIO,
+    FIRST_MISFIT,
     LEAST_GAIN,
     LEAST_MISFIT,
     LEAST_REFLECTIVITY,
@@ -110,17 +111,14 @@ class NearField:
     @property
     def estimates(self) -> tuple[Estimate, ...]:
         """Estimates of K and R0, for one lens also of spot over field of view."""
-        range_estimates = (
-            self.solved.estimate("white_m2", "photons m2", lambda p: math.exp(p[0])),
-            self.solved.estimate("near_field_m", "m", lambda p: math.exp(p[1])),
+        units = {"white_m2": "photons m2", "near_field_m": "m"}
+        if self.sensor_curve is None:
+            units["spot_over_field"] = ""
+        lenses = LENSES[: len(self.solved.value) - len(units)]
+        return (
+            *(self.solved.estimate(*item, exponential(k)) for k, item in enumerate(units.items())),
+            *(self.solved.estimate(key, "", operator.itemgetter(k)) for k, key in enumerate(lenses, start=2)),
         )
-        if self.sensor_curve is not None:
-            lenses = LENSES[: len(self.solved.value) - 2]
-            return (
-                *range_estimates,
-                *(self.solved.estimate(key, "", operator.itemgetter(k)) for k, key in enumerate(lenses, start=2)),
-            )
-        return (*range_estimates, self.solved.estimate("spot_over_field", "", lambda p: math.exp(p[2])))
 
 
 def share(range_over_r0: Lanes, spot_over_field: Lanes) -> Lanes:
@@ -227,7 +225,7 @@ def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> Near
     start = np.array([plateau, knee, math.log(0.35)])[:parameters]
     bounds = np.array([(y.min() - 2.0, y.max() + 2.0), knee_bounds, np.log(SPOT_BOUNDS)])[:parameters].T
 
-    def near_field(curve: Curve | None, start: Numbers, bounds: Numbers, prior: Numbers) -> NearField:
+    def near_field(curve: Curve | None, start: Numbers, bounds: Numbers, prior: Prior) -> NearField:
         law = partial(_laws, curve, x=x)
         solved = solve(binned, law, start, bounds, step=CURVE_STEP, prior=prior)
         return NearField(
@@ -240,12 +238,12 @@ def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> Near
             check_white_m2=np.exp(check[1].value),
         )
 
-    stretched = near_field(sensor_curve, start, bounds, np.stack([start, np.full_like(start, np.inf)]))
+    stretched = near_field(sensor_curve, start, bounds, Prior(start, np.full_like(start, np.inf), FIRST_MISFIT))
     if sensor is None or sensor_curve is None or stretched.misfit < LEAST_MISFIT:
         return stretched
     lens_curve, lens_bounds = LensCurve(sensor), np.array(LENS_BOUNDS).T
     start = np.append(stretched.solved.value, np.clip(lens_curve.own, *lens_bounds))
-    prior = np.array([np.append(start[:2], lens_curve.own), (np.inf, np.inf, *LENS_SIGMAS)])
+    prior = Prior(np.append(start[:2], lens_curve.own), np.array([np.inf, np.inf, *LENS_SIGMAS]), FIRST_MISFIT)
     free = near_field(lens_curve, start, np.hstack([bounds, lens_bounds]), prior)
     return free if free.error < (1.0 - LEAST_GAIN) * stretched.error else stretched
 

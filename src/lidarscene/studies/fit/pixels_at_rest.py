@@ -23,7 +23,7 @@ from ..twin.planes import align_columns, fit_planes
 from ..twin.reading_noise import lean_of
 from ..twin.tuning import LEAST_COS
 from .recorded_pulses import BLOCK_COLUMNS, fitted_blocks
-from .tuning import GROUND_COS, WHOLE_FRAME
+from .tuning import GROUND_COS, LEAST_OF_BIN, LEAST_STEPS, ROUNDING, WHOLE_FRAME
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -34,6 +34,7 @@ class PixelsAtRest:
         range_m: (frames, n) NaN where nothing came back
         strength: (frames, n) photons of a sensor that counts them, else intensity or reflectivity; None: not recorded
         apparent: (n,) apparent reflectivity by the mean strength
+        apparent_error: (n,) relative error of it that like pixels share, since strengths are whole numbers
         cos_incidence: (n,) on the surface
         row_slope: (n,) dR / (R dphi) of the surface along the row
         block: (n,) block of columns
@@ -42,6 +43,7 @@ class PixelsAtRest:
     range_m: Numbers
     strength: Numbers | None
     apparent: Numbers
+    apparent_error: Numbers
     cos_incidence: Numbers
     row_slope: Numbers
     block: Numbers
@@ -103,17 +105,58 @@ def pixels_at_rest(sweeps: Sequence[Sweep], sensor: Sensor) -> PixelsAtRest | No
     chosen = order[usable]
     range_m = np.stack([frame.range_m.ravel()[chosen] for frame in frames])
     strengths = [strength_of(frame) if sensor.histogram is None else frame.signal for frame in frames]
-    apparent = [gauge.apparent(frame, frame.range_m).ravel()[chosen] for frame in frames]
-    column = np.broadcast_to(np.arange(order.shape[1]), order.shape)[usable]
-    return PixelsAtRest(
-        range_m=range_m,
-        strength=None
+    strength = (
+        None
         if any(values is None for values in strengths)
         else np.where(
             np.isfinite(range_m), np.stack([np.asarray(values, float).ravel()[chosen] for values in strengths]), np.nan
-        ),
-        apparent=np.nanmean(np.where(np.isfinite(range_m), apparent, np.nan), axis=0),
+        )
+    )
+    apparent = [gauge.apparent(frame, frame.range_m).ravel()[chosen] for frame in frames]
+    smooth, error = np.ones(len(chosen)), np.zeros(len(chosen))
+    if strength is not None and sensor.histogram is None:
+        smooth, error = unrounded(np.nanmean(strength, axis=0) / step_of(strength), cos[usable])
+    column = np.broadcast_to(np.arange(order.shape[1]), order.shape)[usable]
+    return PixelsAtRest(
+        range_m=range_m,
+        strength=strength,
+        apparent=np.nanmean(np.where(np.isfinite(range_m), apparent, np.nan), axis=0) * smooth,
+        apparent_error=error,
         cos_incidence=cos[usable],
         row_slope=np.asarray(relative_row_slope(tuple(np.moveaxis(normal[usable], -1, 0)), tuple(direction[usable].T))),
         block=column // BLOCK_COLUMNS,
     )
+
+
+def step_of(strength: Numbers) -> float:
+    """Step of recorded strengths: the least difference of two of them; the strength itself if all are the same."""
+    read = np.unique(strength[np.isfinite(strength)])
+    return float(np.min(np.diff(read), initial=read.max(initial=0.0)))
+
+
+def unrounded(strength: Numbers, cos_incidence: Numbers) -> tuple[Numbers, Numbers]:
+    r"""Strengths of few whole steps without their rounding, over themselves, and the relative error that is left.
+
+    Far ground reads 1 all over. A power of the cosine of the incidence is fitted to all that read few steps, over which
+    roundings compensate each other: at the end of a line through m steps, spread evenly, least squares leave
+
+    .. math:: \sigma_1 = \frac{1}{6 m}, \quad m = \sqrt{12}\, \sigma_I \tag{T185a}
+
+    of a step, by parts: the weight 4 / m - 6 x / m^2 of what is read at x has 4 / m and -2 / m at its ends, and the
+    integral of a rounding varies by 1 / sqrt(720). Where the law is not what was read, as on another material, the
+    number that was read stays, with its own rounding. Symbols: I strength in steps, sigma_I its deviation.
+    """
+    from scipy.optimize import least_squares
+
+    few = strength < LEAST_STEPS
+    smooth, error = np.ones_like(strength), ROUNDING / np.maximum(strength, 1.0)
+    if few.sum() < LEAST_OF_BIN:
+        return smooth, error
+    read, cos = strength[few], cos_incidence[few]
+    factor, exponent = least_squares(lambda p: p[0] * cos ** p[1] - read, (1.0, 0.0), loss="huber", f_scale=0.5).x
+    law = factor * cos**exponent
+    holds = np.abs(law - read) < 0.5
+    smooth[few] = np.where(holds, law / np.maximum(read, 0.5), 1.0)
+    left = np.minimum(ROUNDING, ROUNDING / 6.0 / np.maximum(np.std(read), 1e-9))
+    error[few] = np.where(holds, left / np.maximum(law, 0.5), error[few])
+    return smooth, error
