@@ -229,8 +229,9 @@ def in_step(sensor: Sensor, sweep: Sweep) -> Sensor:
     turn = np.unwrap(azimuth, axis=1)
     half = sweep.shape[1] // 2
     step_rad = abs(float(np.median(turn[:, half:] - turn[:, :-half]))) / half
-    turns = Fraction(math.copysign(step_rad / math.tau, float(wrapped(scanner.head.angle_rad(np.arange(2)) @ (-1, 1)))))
-    scanner = replace(scanner, head=Turns.from_fraction(turns))
+    own_rad = float(wrapped(np.diff(np.asarray(scanner.head.angle_rad(np.arange(2)))))[0])
+    step_rad /= max(1, round(step_rad / abs(own_rad)))  # every second column may be left out
+    scanner = replace(scanner, head=Turns.from_fraction(Fraction(math.copysign(step_rad / math.tau, own_rad))))
     fired, _ = angles_from(fired_directions(replace(sensor, scanner=scanner)))
     ahead = np.exp(2j * np.pi / step_rad * (azimuth - fired[match_pulses(replace(sensor, scanner=scanner), sweep)[0]]))
     by_rad = step_rad / math.tau * float(np.angle(np.mean(ahead[sweep.has_return])))
