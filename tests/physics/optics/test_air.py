@@ -19,6 +19,8 @@ def test_kruse_and_kim():
 
 
 def test_kim_is_continuous_and_visibility_means_two_percent():
+    """And has the exponents of his formula, by hand."""
+    assert [air.kim_exponent(km) for km in (0.75, 1.5, 4.0)] == pytest.approx([0.25, 0.58, 0.98])
     for edge in (0.5, 1.0, 6.0):
         assert air.kim_exponent(edge - 1e-9) == pytest.approx(air.kim_exponent(edge + 1e-9), abs=1e-6)
     alpha = air.extinction_from_visibility_per_m(visibility_m=5e3, wavelength_m=550e-9)

@@ -189,10 +189,15 @@ def test_drivers_keep_the_gap_of_the_model() -> None:
     np.testing.assert_allclose(rate, 1.5 * (1.0 - 0.4096 - (30.8923 / 50.0) ** 2), atol=1e-4)
     front_m = np.array([0.0, -40.0, -60.0])
     lengths_m = np.array([4.4, 18.0, 2.1])
-    lane = driven._Lane(STRAIGHT, 0.0, 1, front_m, np.full(3, 8.0), desired_m_s, lengths_m, ["car"] * 3)
-    for _ in range(2000):
-        lane.step([], 1e7)
-    np.testing.assert_allclose(-np.diff(lane.front_m) - lengths_m[:-1], gap_m, rtol=0.01)
+    # On a loop the first is behind the last, here the slowest.
+    for loop_m, order in ((np.inf, [0, 1, 2]), (200.0, [1, 2, 0])):
+        numbers = (front_m, np.full(3, 8.0), desired_m_s[order], lengths_m)
+        lane = driven._Lane(STRAIGHT, 0.0, 1, *numbers, ["car"] * 3, loop_m)
+        for _ in range(2000):
+            lane.step([], 1e7)
+        rear_m = lane.front_m - lengths_m
+        ahead_m = np.append(rear_m[-1] + loop_m, rear_m[:-1]) - lane.front_m
+        np.testing.assert_allclose(ahead_m[np.array(order) > 0], gap_m, rtol=0.01)
 
 
 def one_at_10_m_s(front_m: float, length_m: float = 4.4) -> driven._Lane:
