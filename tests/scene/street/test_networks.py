@@ -135,7 +135,7 @@ def test_what_sumo_drops_is_said(town: tuple[Path, Path], tmp_path: Path) -> Non
 
 
 def test_a_person_may_have_the_name_of_a_vehicle(town: tuple[Path, Path], tmp_path: Path) -> None:
-    """As the trips and walks that SUMO's randomTrips.py draws do: nobody is lost, and a vehicle carries the sensor."""
+    """Nobody is lost, and a vehicle carries the sensor; SUMO's randomTrips.py names them so."""
     for path in town[0].parent.glob("town.*"):
         (tmp_path / path.name).write_bytes(path.read_bytes())
     trips = "".join(f'<trip id="{number}" depart="0" from="A0B0" to="B1A1" departPos="20"/>' for number in (0, 1))

@@ -305,7 +305,7 @@ def test_vehicles_begin_eight_metres_apart_whatever_their_lengths() -> None:
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_who_wants_to_drive_fast_begins_where_one_can_brake(seed: int) -> None:
-    """At 40 m/s behind cyclists at 18 m/s, at random places, nobody drives through another."""
+    """Nobody drives through another: 40 m/s behind cyclists at 18 m/s, at random places."""
     keys = {"speed_m_s": (40.0, 40.0), "oncoming_gap_m": (5.0, 15.0), "ahead": 5, "behind": 5}
     layout = laid.lay_out(StreetFile(length_m=60.0, shown_m=50.0, bend_deg=(0.0, 0.0), lanes=2, **keys))
     for lane in driven._fill_lanes(layout, np.random.default_rng(seed)):
