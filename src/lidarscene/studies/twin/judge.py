@@ -30,8 +30,9 @@ LEAST_PULSES = 50
 """Least number of pulses in a bin of a share or a mean."""
 
 LEAST_SCATTERED = 600
-"""Least number of pulses in a bin whose scatters are compared. Their ratio has a sigma of 6 %, by simulation 1.46 over
-the root of the number: one of 2,000 is beyond the limits by chance, so that the worst of 20 bins hardly ever is."""
+"""Least number of pulses in a bin whose scatters are compared, or shares of pulses at rest. The ratio of scatters has a
+sigma of 6 %, by simulation 1.46 over the root of the number: one of 2,000 is beyond the limits by chance, so that the
+worst of 20 bins hardly ever is."""
 
 LEAST_LOSSES = 100
 """Least number of losses of which a share is held to a limit: that of one pulse in ten is good to 3 %."""

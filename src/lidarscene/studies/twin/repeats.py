@@ -209,7 +209,8 @@ def kept_at_rest(pulses: MatchedPulses, mask: Numbers) -> Held:
         mask: pulses that returned in the frame that the twin is made of: they met something there on either side
     """
     met = pulses.select(mask)
-    shares = kept_by_bin(met.has_return, met.has_simulated_return, met.true_range_m, OCTAVES_M)
+    sides = met.has_return, met.has_simulated_return
+    shares = kept_by_bin(*sides, met.true_range_m, OCTAVES_M, least=LEAST_SCATTERED)
     quantity = "share kept at rest, worst octave of the range"
     if not shares:
         return Held(quantity=quantity, limits=LIMITS["kept share"])
