@@ -9,7 +9,7 @@ import numpy as np
 from ...figures.lines import Chart, Line
 from ...figures.report import Figure
 from ...maths.arrays import Numbers
-from .judge import mean_signals
+from .judge import LEAST_SCATTERED, mean_signals
 from .matched_pulses import MatchedPulses
 from .repeats import Changes, Repeats, changes_along_rings, kept_by_bin, on_surfaces, scatter_by_bin
 from .tuning import OCTAVES_M
@@ -18,7 +18,7 @@ REAL, SIMULATED = "recorded", "simulated"
 """Names of the sides."""
 
 STRENGTH_BINS = 8
-"""Choice: bins of the figures over the strength, with as many pixels in each."""
+"""Choice: most bins of the figures over the strength, with as many pixels in each."""
 
 REFLECTIVITIES = np.geomspace(0.003, 1.0, 11)
 """Choice: edges of the bins of the figure over the reflectivity."""
@@ -68,7 +68,9 @@ def _even_edges(changes: Changes) -> Numbers:
     """Edges of bins of the strength with as many recorded differences in each."""
     assert changes.strength is not None
     strength = changes.strength[np.isfinite(changes.real_m) & (changes.strength > 0.0)]
-    return np.unique(np.quantile(strength, np.linspace(0.0, 1.0, STRENGTH_BINS + 1))) if len(strength) else np.zeros(0)
+    # A quarter more than are compared, since the simulation may have lost some.
+    bins = min(int(len(strength) / (1.25 * LEAST_SCATTERED)), STRENGTH_BINS)
+    return np.unique(np.quantile(strength, np.linspace(0.0, 1.0, bins + 1))) if bins else np.zeros(0)
 
 
 def _figure(
