@@ -282,8 +282,11 @@ def close(file: StreetFile, front_m: float, random: np.random.Generator, radius_
     aspect, along, across = random.uniform(0.8, 1.25), *random.uniform(0.42, 0.58, 2)
     sides = np.array([aspect, 1.0 - across, along * aspect, across, (1.0 - along) * aspect, 1.0])
     sides /= sides.sum()
-    drawn_m = random.uniform(*file.bend_radius_m, 6) if radius_m is None else np.full(6, radius_m)
-    radii_m = np.minimum(np.maximum(drawn_m, LEAST_RADIUS * front_m), 0.36 * float(sides.min()) * file.length_m)
+    if radius_m is None:
+        chosen_m = np.maximum(random.uniform(*file.bend_radius_m, 6), LEAST_RADIUS * front_m)
+    else:
+        chosen_m = np.full(6, radius_m)
+    radii_m = np.minimum(chosen_m, 0.36 * float(sides.min()) * file.length_m)
     turn = 1.0 if random.random() < 0.5 else -1.0
     corners = [bend(turn * sign * 0.5 * math.pi, each) for sign, each in zip(LOOP_TURNS, radii_m, strict=True)]
     bend_m = np.array([sum(piece[0] for piece in corner) for corner in corners])
