@@ -157,6 +157,6 @@ def unrounded(strength: Numbers, cos_incidence: Numbers) -> tuple[Numbers, Numbe
     law = factor * cos**exponent
     holds = np.abs(law - read) < 0.5
     smooth[few] = np.where(holds, law / np.maximum(read, 0.5), 1.0)
-    left = np.minimum(ROUNDING, ROUNDING / 6.0 / np.maximum(np.std(read), 1e-9))
-    error[few] = np.where(holds, left / np.maximum(law, 0.5), error[few])
+    steps_off = np.minimum(ROUNDING, ROUNDING / 6.0 / np.maximum(np.std(read), 1e-9))
+    error[few] = np.where(holds, steps_off / np.maximum(law, 0.5), error[few])
     return smooth, error
