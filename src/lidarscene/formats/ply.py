@@ -58,26 +58,17 @@ _NAMES = {column.name: column.names for column in COLUMNS if column.names}
 _RESERVED = ("lidarscene", "unit", "+", "room", *_NAMES)
 
 
-def write_ply(
-    path: str | os.PathLike[str], cloud: Cloud, *, ascii: bool = False, colours: Numbers | None = None
-) -> None:
-    """Write the cloud, atomically; binary little-endian, or text with ``ascii``. Memory: one block.
+def ply_stream(
+    path: str | os.PathLike[str], *, ascii: bool = False, colours: Numbers | None = None
+) -> AbstractContextManager[Callable[[Cloud], None]]:
+    """Write the clouds that are appended in the block as one cloud; names and metadata are those of the first.
 
     Args:
-        colours: (n, 3) uint8: red, green and blue of each point, which viewers show; reading leaves them out
+        ascii: text, not little-endian binary
+        colours: (n, 3) uint8: red, green and blue of each point of the only cloud, which viewers show; reading leaves
+            them out
     """
-    with _stream(path, ascii=ascii, colours=colours) as append:
-        append(cloud)
 
-
-def ply_stream(path: str | os.PathLike[str], *, ascii: bool = False) -> AbstractContextManager[Callable[[Cloud], None]]:
-    """Write the clouds that are appended in the block as one cloud; names and metadata are those of the first."""
-    return _stream(path, ascii=ascii, colours=None)
-
-
-def _stream(
-    path: str | os.PathLike[str], *, ascii: bool, colours: Numbers | None
-) -> AbstractContextManager[Callable[[Cloud], None]]:
     def write(file: IO[bytes], cloud: Cloud) -> None:
         for block in _blocks(cloud, colours):
             file.write(_as_text(block) if ascii else block.view(np.uint8).data)
@@ -89,7 +80,7 @@ def _stream(
 
 
 def read_ply(path: str | os.PathLike[str]) -> Fields:
-    """Read a file of `write_ply`, exactly.
+    """Read a file of `ply_stream`, exactly.
 
     Raises:
         InputError: in one line, for a file that is missing, truncated or by another program
