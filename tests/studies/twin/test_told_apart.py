@@ -91,3 +91,15 @@ def test_without_strengths_or_with_few_patches() -> None:
     for rows, columns in ((8, COLUMNS), (4, COLUMNS), (ROWS, 8)):
         small = [Image(side.range_m[:rows, :columns], None) for side in bare]
         assert told_apart(small[:1], small[1:]) == {}
+
+
+def test_strengths_across_an_edge_tell_nothing() -> None:
+    """Rationale: steps of 1 m, on whose farther side one image is brighter: that is the scene's, not the noise's."""
+    pytest.importorskip("sklearn")
+
+    def stepped(seed: int, brighter: float) -> Image:
+        flat, is_far = image(seed), np.arange(COLUMNS) // 4 % 2 == 1
+        return Image(flat.range_m + is_far, flat.strength * np.where(is_far, brighter, 1.0))
+
+    results = told_apart([stepped(1, 1.0), stepped(2, 1.0)], [stepped(3, 3.0), stepped(4, 3.0)])
+    assert abs(results["intensity"].accuracy - 0.5) < 0.1

@@ -137,15 +137,20 @@ def _patches(image: Image, columns: int) -> _Patches:
     has_return = np.isfinite(range_m)
     along, across = np.diff(range_m, axis=1), np.diff(range_m, axis=0)
     is_edge = np.abs(along) > SAME_SURFACE_M  # False beside a lost pixel
-    texture = []
-    for order in (1, 2, 3):
-        change = np.abs(np.diff(range_m, n=order, axis=1))
-        crosses = np.any([is_edge[:, k : k + change.shape[1]] for k in range(order)], axis=0)
-        texture += _quantiles(np.where(crosses, np.nan, change), range_m.shape, LEAST_M)
+
+    def changes(values: Numbers, orders: int, least: float) -> list[Numbers]:
+        """Quantiles of the differences of these orders along the rows, of those that cross no edge."""
+        quantiles = []
+        for order in range(1, orders + 1):
+            change = np.abs(np.diff(values, n=order, axis=1))
+            crosses = np.any([is_edge[:, k : k + change.shape[1]] for k in range(order)], axis=0)
+            quantiles += _quantiles(np.where(crosses, np.nan, change), range_m.shape, least)
+        return quantiles
+
     neighbours = sum(_shifted(has_return, *offset) for offset in ((0, 1), (0, -1), (1, 0), (-1, 0)))
     jumps = np.pad(is_edge, ((0, 0), (1, 1)))
     features = {
-        "range texture": texture,
+        "range texture": changes(range_m, 3, LEAST_M),
         "holes": [
             _means(mask)
             for mask in (
@@ -168,10 +173,8 @@ def _patches(image: Image, columns: int) -> _Patches:
     if strength is not None:
         with np.errstate(divide="ignore", invalid="ignore"):
             logarithm = np.where(has_return & (strength > 0.0), np.log(strength), np.nan)
-        changes = [np.abs(np.diff(logarithm, n=order, axis=1)) for order in (1, 2)]
-        changes[0] = np.where(is_edge, np.nan, changes[0])
         features["intensity"] = [
-            *(feature for change in changes for feature in _quantiles(change, range_m.shape, LEAST_STRENGTH)),
+            *changes(logarithm, 2, LEAST_STRENGTH),
             _means(has_return & ~(strength > 0.0)),
             _means(np.abs(np.diff(logarithm, axis=1, append=np.nan)) == 0.0),
         ]
