@@ -27,7 +27,7 @@ def test_bars_reach_from_low_to_high(vertical: bool) -> None:
 
 def test_sensors_stand_beside_each_other_and_lines_are_expected_values() -> None:
     axes = Figure().subplots()
-    _draw_over_bins(axes, [series("a", (1.0, 1.0), 6.0), series("b", (1.0, 1.0), 8.0)], "m")
+    _draw_over_bins(axes, [series("a", (1.0, 1.0), 6.0), series("b", (1.0, 1.0), 8.0)])
     middles = [np.array(bars.get_segments())[:, 0, 0] for bars in axes.collections]
     np.testing.assert_allclose(0.5 * (middles[0] + middles[1]), [1.0, 3.0])
     assert (middles[1] - middles[0] > 0.0).all()

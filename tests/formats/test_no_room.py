@@ -28,13 +28,12 @@ import sys, time
 sys.path[:0] = sys.argv[1:3]
 from helpers.clouds import small_cloud
 from lidarscene.cli.terminal import end_cleanly
-from lidarscene.formats.ros import write_ros
-def clouds():
-    yield small_cloud()
+from lidarscene.formats.ros import ros_frames
+end_cleanly()
+with ros_frames(sys.argv[3], storage="sqlite3") as append:
+    append(small_cloud())
     print("half", flush=True)
     time.sleep(1000)
-end_cleanly()
-write_ros(sys.argv[3], clouds(), storage="sqlite3")
 """
 
 

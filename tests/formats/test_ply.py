@@ -16,7 +16,7 @@ from helpers.mistakes import mistakes, told
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.formats import ply
 from lidarscene.formats.cloud_columns import columns_of
-from lidarscene.formats.ply import PLY_TYPES, write_ply
+from lidarscene.formats.ply import PLY_TYPES
 
 COLUMNS = columns_of(truth=True, vectors=False)
 OPEN3D_DTYPES = ("float32", "float64", "uint8", "int32")
@@ -39,7 +39,7 @@ def test_a_file_is_read_by_the_block(tmp_path: Path, monkeypatch: pytest.MonkeyP
         sizes.append(count)
         return read(file, dtype, count=count)
 
-    write_ply(tmp_path / "a.ply", small_cloud(27))
+    small_cloud(27).save(tmp_path / "a.ply")
     monkeypatch.setattr(np, "fromfile", read_and_count)
     assert_same(PointCloud.load(tmp_path / "a.ply"), small_cloud(27))
     assert sizes == [8, 8, 8, 3]
@@ -49,7 +49,7 @@ def test_a_file_is_read_by_the_block(tmp_path: Path, monkeypatch: pytest.MonkeyP
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_header(tmp_path: Path, dtype: Any, ascii: bool) -> None:
     cloud = small_cloud(xyz_m=small_columns()["xyz_m"].astype(dtype))
-    write_ply(tmp_path / "a.ply", cloud, ascii=ascii)
+    cloud.save(tmp_path / "a.ply", ascii=ascii)
     lines = header_of(tmp_path / "a.ply")
     assert lines[:3] == [
         "ply",
@@ -78,7 +78,7 @@ def test_open3d_reads_everything(tmp_path: Path, dtype: Any, ascii: bool, open3d
         50, xyz_m=small_columns(50)["xyz_m"].astype(dtype), metadata={"scene": "ä" * 3000 + "\nend_header"}
     )
     path = tmp_path / "a.ply"
-    write_ply(path, cloud, ascii=ascii)
+    cloud.save(path, ascii=ascii)
     legacy = open3d.io.read_point_cloud(str(path))
     np.testing.assert_allclose(np.asarray(legacy.points), cloud.xyz_m, rtol=1e-7)
     tensor = open3d.t.io.read_point_cloud(str(path))
@@ -99,7 +99,7 @@ def test_every_truncation_is_noticed(tmp_path: Path, ascii: bool) -> None:
     Text is cut at each byte of its points, where half a number is a number too.
     """
     complete, cut = tmp_path / "a.ply", tmp_path / "b.ply"
-    write_ply(complete, small_cloud(3), ascii=ascii)
+    small_cloud(3).save(complete, ascii=ascii)
     data = complete.read_bytes()
     points = data.index(b"end_header") if ascii else len(data)
     for size in (*range(0, points, 7), *range(points, len(data))):
@@ -113,12 +113,12 @@ def test_every_truncation_is_noticed(tmp_path: Path, ascii: bool) -> None:
 
 def test_truncation_says_what_was_expected(tmp_path: Path) -> None:
     path = tmp_path / "a.ply"
-    write_ply(path, small_cloud(3))
+    small_cloud(3).save(path)
     size = path.stat().st_size
     os.truncate(path, size - 10)
     with told(f"{path} | {size} bytes | 3 points | {size - 10}"):
         PointCloud.load(path)
-    write_ply(path, small_cloud(3), ascii=True)
+    small_cloud(3).save(path, ascii=True)
     os.truncate(path, path.stat().st_size - 1)
     with told("a.ply | 3 lines of points | 2"):
         PointCloud.load(path)
@@ -140,7 +140,7 @@ def test_truncation_says_what_was_expected(tmp_path: Path) -> None:
 )
 def test_foreign_and_damaged_files(tmp_path: Path, given: str, named: str) -> None:
     path = tmp_path / "a.ply"
-    write_ply(path, small_cloud(3))
+    small_cloud(3).save(path)
     old, _, new = given.encode().partition(b" -> " if " -> " in given else b" ->")
     assert old in path.read_bytes()
     path.write_bytes(path.read_bytes().replace(old, new, 1))
@@ -150,7 +150,7 @@ def test_foreign_and_damaged_files(tmp_path: Path, given: str, named: str) -> No
 
 def test_damaged_text_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.ply"
-    write_ply(path, small_cloud(3), ascii=True)
+    small_cloud(3).save(path, ascii=True)
     head, body = path.read_text().split("end_header\n")
     for damaged in (body.replace(" ", " x", 1), "\n\n" + body, body.replace(" ", " 1 ", 1), "nan" + body):
         path.write_text(head + "end_header\n" + damaged)
@@ -182,7 +182,7 @@ def test_writing_takes_no_step_for_each_point(tmp_path: Path) -> None:
         sys.settrace(count)
         sys.setprofile(count)
         try:
-            write_ply(tmp_path / "a.ply", cloud)
+            cloud.save(tmp_path / "a.ply")
         finally:
             sys.setprofile(before[1])
             sys.settrace(before[0])
@@ -249,6 +249,6 @@ def test_text_of_the_shortest_numbers(tmp_path: Path) -> None:
     """Two bytes each, a digit and what stands behind it: as many points as a file has room for."""
     zeros = {name: np.zeros_like(values) for name, values in small_columns(400).items()}
     cloud = PointCloud(**zeros)
-    write_ply(tmp_path / "a.ply", cloud, ascii=True)
+    cloud.save(tmp_path / "a.ply", ascii=True)
     assert (tmp_path / "a.ply").read_bytes().endswith(b"\n" + b" ".join([b"0"] * len(COLUMNS)) + b"\n")
     assert len(PointCloud.load(tmp_path / "a.ply")) == 400

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.clouds import small_cloud
-from helpers.formats import file_of, need, rotated
+from helpers.formats import file_of, need, rotated, write_bag
 from helpers.mistakes import told
 
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.cloud.rig_clouds import merge_clouds
-from lidarscene.formats.ros import ros_frames, structured_rows, write_ros
+from lidarscene.formats.ros import ros_frames, structured_rows
 from lidarscene.maths.pose import Pose
 
 XYZ = {"x": (0, 7), "y": (4, 7), "z": (8, 7)}
@@ -150,7 +150,7 @@ def test_livoxs_own_message(tmp_path: Path, library: Any) -> None:
         "ring": [0, 3, 5],
     }
     cloud = small_cloud(3, **{name: np.array(values) for name, values in columns.items()})
-    write_ros(tmp_path / "a.mcap", cloud, layout="livox-custom")
+    write_bag(tmp_path / "a.mcap", cloud, layout="livox-custom")
     (message,) = messages(tmp_path / "a.mcap", library).values()
     assert (message.header.frame_id, message.point_num, message.timebase) == ("livox_frame", 3, NEW_YEAR_NS)
     assert [point.offset_time for point in message.points] == [0, 1_250_000, 50_000_000]
@@ -179,12 +179,12 @@ def test_an_ousters_reflectivity_is_measured(tmp_path: Path, library: Any) -> No
 
 def test_topics_and_frames_of_ones_own(tmp_path: Path, library: Any, street_cloud: PointCloud) -> None:
     need("mcap")
-    write_ros(tmp_path / "a.mcap", street_cloud, topic="/lidar/top", frame_id="top")
+    write_bag(tmp_path / "a.mcap", street_cloud, topic="/lidar/top", frame_id="top")
     received = messages(tmp_path / "a.mcap", library)
     assert received["/lidar/top"].header.frame_id == "top"
     assert received["/tf"].transforms[0].child_frame_id == "top"
     with told("frame_id | 'map'"):
-        write_ros(tmp_path / "b.mcap", street_cloud, frame_id="map")
+        write_bag(tmp_path / "b.mcap", street_cloud, frame_id="map")
     assert not (tmp_path / "b.mcap").exists()
 
 
@@ -300,7 +300,7 @@ def test_a_merged_cloud_is_in_the_vehicles_frame(tmp_path: Path, library: Any, s
 def test_a_bag_of_several_frames(tmp_path: Path, library: Any) -> None:
     need("mcap")
     frames = [small_cloud(n, metadata={"frame_start_s": repr(0.1 * n)}) for n in (3, 5)]
-    write_ros(tmp_path / "a.mcap", iter(frames))
+    write_bag(tmp_path / "a.mcap", *frames)
     received = [(log, d.header.stamp, d.width) for _, log, d in stamped_messages(tmp_path / "a.mcap", library)]
     assert [(log, stamp.sec * 10**9 + stamp.nanosec, n) for log, stamp, n in received] == [
         (NEW_YEAR_NS + 300_000_000, NEW_YEAR_NS + 300_000_000, 3),

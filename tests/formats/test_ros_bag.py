@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.clouds import small_cloud
-from helpers.formats import PLACED, need
+from helpers.formats import PLACED, need, write_bag
 
 from lidarscene.formats.cloud_description import description
-from lidarscene.formats.ros import write_ros
 from lidarscene.formats.ros_bag import HASHES, decoder, definition, encoder
 
 CLOUD, IMU, TRANSFORMS = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/Imu", "tf2_msgs/msg/TFMessage"
@@ -86,7 +85,7 @@ def test_metadata_are_read_as_yaml(tmp_path: Path, library: Any) -> None:
     need("rosbag2")
     rosbag2, yaml = library("rosbags.rosbag2"), library("yaml")
     cloud = small_cloud(metadata=PLACED | {"sensor_to_world": "1 0 0 1  0 1 0 2  0 0 1 3"})
-    write_ros(tmp_path / "bag", cloud, storage="sqlite3")
+    write_bag(tmp_path / "bag", cloud, storage="sqlite3")
     with rosbag2.Reader(tmp_path / "bag") as bag:
         assert bag.message_count == 2
         assert {connection.topic: connection.digest for connection in bag.connections} == {

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from helpers.clouds import small_cloud
-from helpers.formats import PLACED
+from helpers.formats import PLACED, write_bag
 from helpers.packets import packets_of, random_frame
 from helpers.recordings import OUSTER, hesai_packet, pcap, scan_bag, turns, vls_packet
 from helpers.spoiling import number, other_numbers, spoilt, spoilt_bytes, spoilt_lines, text
@@ -28,7 +28,6 @@ from lidarscene.errors import InputError, LidarSceneError
 from lidarscene.formats.packets.ouster_encoder import PROFILES
 from lidarscene.formats.packets.pcap import pcap_stream
 from lidarscene.formats.packets.select_encoder import select_encoder
-from lidarscene.formats.ros import write_ros
 from lidarscene.recordings.pcap_reader import map_file, records_of
 from lidarscene.sensor.sensor_file import load_sensor
 
@@ -136,7 +135,7 @@ def _bag(name: str, storage: str) -> Callable[[Path], Path]:
     def write(folder: Path) -> Path:
         metadata = PLACED | {"frame_start_s": "2.0", "sensor_to_world": "0 -1 0 1  1 0 0 2  0 0 1 3"}
         clouds = [small_cloud(20, seed=seed, metadata=metadata) for seed in (1, 2)]
-        write_ros(folder / name, clouds, storage=storage)
+        write_bag(folder / name, *clouds, storage=storage)
         return folder / name
 
     return write

@@ -10,6 +10,7 @@ from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import LidarSceneError
 from lidarscene.formats.cloud_description import LARGEST
 from lidarscene.formats.registry import ALL, FORMATS
+from lidarscene.formats.ros import ros_frames
 
 PLACED = {"sensor_position_m": "1 2 3", "sensor_rotation": "0 -1 0 1 0 0 0 0 1", "frame": "world"}
 
@@ -29,6 +30,13 @@ def file_of(folder: Path, name: str) -> Path:
 def clipped_to_finite(values: np.ndarray) -> np.ndarray:
     """Values as formats without infinity store them."""
     return np.clip(values, -LARGEST, LARGEST) if values.dtype.kind == "f" else values
+
+
+def write_bag(path: Path, *clouds: PointCloud, **options: Any) -> None:
+    """Write a bag of these frames, with these options of `ros_frames`."""
+    with ros_frames(path, **options) as append:
+        for cloud in clouds:
+            append(cloud)
 
 
 def written(path: Path, name: str, pieces: list[PointCloud]) -> bytes:

@@ -567,7 +567,7 @@ def w_m2_nm(nm: float, width_nm: float = 20.0) -> float:
 
 def sunlight_of(name: str) -> tuple[float, float]:
     """W/m2 and klux of a standard spectrum."""
-    irradiance = reference_optics.total_irradiance_w_m2(spectrum(name))
+    irradiance = reference_optics.total(spectrum(name))
     return float(irradiance), 1e-3 * float(solar_spectrum.illuminance_lux(spectrum(name)))
 
 

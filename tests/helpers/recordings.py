@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from helpers.clouds import small_cloud
+from helpers.formats import write_bag
 
 DATA = Path(__file__).parents[1] / "recordings" / "data"
 OUSTER = DATA / "os0-32-one-packet.pcap"
@@ -105,10 +106,8 @@ def copy_to_mcap(path: Path, **options: Any) -> Path:
     from mcap.reader import make_reader
     from mcap.writer import Writer
 
-    from lidarscene.formats.ros import write_ros
-
     source = path.with_suffix(".source.mcap")
-    write_ros(source, [small_cloud(3), small_cloud(5)])
+    write_bag(source, small_cloud(3), small_cloud(5))
     with open(source, "rb") as original, open(path, "wb") as file:
         writer = Writer(file, **options)
         writer.start(profile="ros2", library="test")

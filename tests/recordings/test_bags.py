@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.clouds import small_cloud
-from helpers.formats import PLACED, need
+from helpers.formats import PLACED, need, write_bag
 from helpers.mistakes import told
 from helpers.recordings import copy_to_mcap, hesai_packet, scan_bag
 
 from lidarscene.errors import InputError, OptionWarning
 from lidarscene.formats.clock import EPOCH, to_ns
-from lidarscene.formats.ros import ros_frames, write_ros
+from lidarscene.formats.ros import ros_frames
 from lidarscene.formats.ros_bag import definition
 from lidarscene.recordings.bag_files import BagReader
 from lidarscene.recordings.bags import _Scans, _sweep
@@ -33,7 +33,7 @@ def test_frames_fields_and_poses_of_our_own_bag(tmp_path: Path, suffix: str, sto
     pose_text = "0 -1 0 1  1 0 0 2  0 0 1 3"
     clouds[1] = small_cloud(seed=2, metadata=PLACED | {"frame_start_s": "2.0", "sensor_to_world": pose_text})
     path = tmp_path / f"a.{suffix}"
-    write_ros(path, clouds, storage=storage)
+    write_bag(path, *clouds, storage=storage)
     with open_recording(path) as recording:
         assert (len(recording), recording.metadata["topic"]) == (2, "/points")
         first, second = recording[0], recording[1]
@@ -57,7 +57,7 @@ def test_points_of_livoxs_driver(tmp_path: Path, layout: str) -> None:
     need("mcap")
     time_s, intensity = np.array([0.0, 0.04, 0.09]), np.array([1.0, 20.0, 255.0])
     cloud = small_cloud(3, time_s=time_s, intensity=intensity, ring=np.array([0, 3, 1]))
-    write_ros(tmp_path / "a.mcap", cloud, layout=layout)
+    write_bag(tmp_path / "a.mcap", cloud, layout=layout)
     with open_recording(tmp_path / "a.mcap") as recording:
         sweep = recording[0]
     assert sweep.ring is not None
@@ -113,7 +113,7 @@ def test_bags_of_ros_1(tmp_path: Path, library: Callable[[str], Any], what: str,
     if what == "clouds":
         cloud_bag(bag, library)
     elif what == "livox":
-        write_ros(bag, [small_cloud(5), small_cloud(4)], layout="livox-custom", storage="sqlite3")
+        write_bag(bag, small_cloud(5), small_cloud(4), layout="livox-custom", storage="sqlite3")
     else:
         library("velodyne_decoder")
         scan_bag(bag, 150, 2)
@@ -176,7 +176,7 @@ def test_a_spoilt_bag_is_refused_in_one_line(tmp_path: Path, library: Callable[[
     if suffix == "mcap":
         copy_to_mcap(path)
     else:
-        write_ros(tmp_path / "a", [small_cloud(3), small_cloud(5)], storage="sqlite3")
+        write_bag(tmp_path / "a", small_cloud(3), small_cloud(5), storage="sqlite3")
         path = tmp_path / "a" / "a.db3"
     if suffix == "bag":
         path = as_ros_1(tmp_path / "a", tmp_path / "a.bag", library)
@@ -198,7 +198,7 @@ def test_a_spoilt_bag_is_refused_in_one_line(tmp_path: Path, library: Callable[[
 def test_a_bag_split_into_files(tmp_path: Path) -> None:
     """Their order is that of their numbers, and they need no metadata."""
     for number, points in ((10, 5), (9, 3), (2, 4)):
-        write_ros(tmp_path / "one", small_cloud(points), storage="sqlite3")
+        write_bag(tmp_path / "one", small_cloud(points), storage="sqlite3")
         folder = tmp_path / "bag"
         folder.mkdir(exist_ok=True)
         (tmp_path / "one" / "one.db3").rename(folder / f"bag_{number}.db3")

@@ -13,7 +13,6 @@ from helpers.packets import random_frame
 from helpers.recordings import hesai_packet
 
 from lidarscene import catalog
-from lidarscene.formats.kitti import write_nuscenes
 from lidarscene.sensor.sensor_file import load_sensor
 
 MAKERS = {"Velodyne": "velodyne", "Ouster": "ouster", "Hesai": "hesai", "RoboSense": "robosense", "Livox": "livox"}
@@ -55,7 +54,7 @@ def test_the_fifth_column_of_nuscenes_rises(tmp_path: Path, name: str) -> None:
     sensor = load_sensor(name)
     cloud = random_frame(sensor)
     rows = {} if sensor.ring_rows is None else {"ring_rows": " ".join(map(str, sensor.ring_rows))}
-    write_nuscenes(tmp_path / "a.pcd.bin", replace(cloud, metadata={"frame": "sensor"} | rows))
+    replace(cloud, metadata={"frame": "sensor"} | rows).save(tmp_path / "a.pcd.bin")
     ring = np.fromfile(tmp_path / "a.pcd.bin", "<f4").reshape(-1, 5)[:, 4]
     elevation = [float(np.median(cloud.elevation_rad[ring == number])) for number in np.unique(ring)]
     assert ring.min() == 0.0

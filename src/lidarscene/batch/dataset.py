@@ -19,7 +19,7 @@ import numpy as np
 
 from ..cloud.point_cloud import PointCloud
 from ..errors import InputError
-from ..files.atomic import atomic_output
+from ..files.atomic import put_text
 from ..formats.registry import FORMATS
 from ..labels import kitti_dataset, nuscenes_dataset
 from ..labels.boxes import sensor_place
@@ -297,7 +297,7 @@ def write_tables(folder: Path, rows: Callable[[], Iterator[tuple[Place, Mapping[
         poses = ((place.name, row["truth"]["start_s"], _pose(row["truth"])) for place, row in rows())
         kitti_dataset.write_sequences(folder / "dataset", poses)
         splits = {place.name: place.split for place, _ in rows()}
-        _write_text(folder / "dataset" / "splits.yaml", _splits_yaml(splits))
+        put_text(folder / "dataset" / "splits.yaml", _splits_yaml(splits))
 
 
 def _pose(truth: Mapping[str, Any]) -> Pose:
@@ -309,7 +309,7 @@ def _write_image_sets(folder: Path, places: Sequence[Place]) -> None:
     """Write the lists of frames that loaders of KITTI read."""
     names = {part: [f"{place.number:06d}" for place in places if place.split == part] for part in PARTS}
     for part, numbers in (names | {"trainval": sorted(names["train"] + names["val"])}).items():
-        _write_text(folder / f"{part}.txt", "".join(number + "\n" for number in numbers))
+        put_text(folder / f"{part}.txt", "".join(number + "\n" for number in numbers))
 
 
 def _splits_yaml(splits: Mapping[str, str]) -> str:
@@ -317,8 +317,3 @@ def _splits_yaml(splits: Mapping[str, str]) -> str:
     parts = {"train": "train", "val": "valid", "test": "test"}
     lines = [f"  {parts[part]}: [{', '.join(str(int(n)) for n, p in splits.items() if p == part)}]\n" for part in PARTS]
     return "split:\n" + "".join(lines)
-
-
-def _write_text(path: Path, text: str) -> None:
-    with atomic_output(path) as temporary:
-        temporary.write_text(text, encoding="ascii")

@@ -274,7 +274,7 @@ def _choices(file: JobFile, folder: Path) -> Iterator[tuple[SceneChoice, tuple[S
     def sensors(names: tuple[str, ...]) -> tuple[SensorChoice, ...]:
         return tuple(_sensors(file, names, folder))
 
-    job_sensors = tuple(_locate_sensor(sensor, folder) for sensor in file.sensors)
+    job_sensors = tuple(catalog.located_sensor(sensor, folder.absolute()) for sensor in file.sensors)
     for name in file.scenes:
         path = folder / name if Path(name).suffix else scene_path(name)
         for trajectory in file.trajectories or (None,):
@@ -388,11 +388,6 @@ def _sensors(file: JobFile, names: tuple[str, ...], folder: Path) -> Iterator[Se
                 yield SensorChoice(
                     name="", rig=path, label=label, overrides=overrides, parameters=parameters, content=content
                 )
-
-
-def _locate_sensor(name: str, folder: Path) -> str:
-    """Resolve a sensor file against the job's folder; a catalogue name stays as it is."""
-    return str((folder / name).absolute()) if name.endswith(".toml") else name
 
 
 def sensor_content(name: str, overrides: Sequence[str]) -> str:

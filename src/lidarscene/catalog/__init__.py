@@ -177,6 +177,11 @@ def sensor_path(name: str, folder: Path = Path()) -> Path:
     return file
 
 
+def located_sensor(name: str, folder: Path) -> str:
+    """Name of a sensor that a file in this folder has: a file's with the folder, one of the catalogue as it is."""
+    return str(folder / name) if name.endswith(".toml") else name
+
+
 def _is_sensor(path: Path) -> bool:
     """Whether an entry is a sensor file: sensors alone have a detector."""
     return path.suffix == ".toml" and "detector" in tomllib.loads(path.read_text(encoding="utf-8"))

@@ -17,10 +17,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..cloud.shades import rgb
-from ..errors import InputError
 from ..files.atomic import atomic_output
 from ..files.encodings.png import encode_png
 from ..maths.arrays import Numbers
+from .lines import suffix_of
 
 SMALLEST_PX = 5
 
@@ -98,10 +98,7 @@ class Canvas:
             InputError: if a file, a key or a value cannot be understood
             OutputError: if a result cannot be written
         """
-        kind = Path(path).suffix.lower().lstrip(".")
-        if kind not in ("png", "svg"):
-            raise InputError(f"{os.fspath(path)}: suffix '.{kind}' names no picture format; known: .png, .svg")
-        data = self._png(with_texts=True) if kind == "png" else self._svg()
+        data = self._png(with_texts=True) if suffix_of(path) == "png" else self._svg()
         with atomic_output(path) as temporary:
             temporary.write_bytes(data)
 

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from ..maths.arrays import Numbers
-from .lines import COLOURS, GREY, GRID, INK
-from .maps import MARKERS, plain_axes, save_figure
+from .lines import COLOURS, GREY, INK, colour_of, legend_above, literal, plain_axes
+from .maps import MARKERS, save_figure
 
 _MOST_SCATTERED = 12_000  # most points of a scatter plot
 
@@ -48,11 +48,11 @@ def save_series(
     """
 
     def draw(_: Any, axes: Any) -> None:
-        _draw_over_bins(axes, series, y_label)
+        _draw_over_bins(axes, series)
         if y_limits is not None:
             axes.set_ylim(*y_limits)
-        axes.set_xlabel(x_label, fontsize=10, color=INK)
-        _legend(axes, len(series))
+        plain_axes(axes, x_label, y_label, grid="both")
+        legend_above(axes, min(len(series), 4))
 
     save_figure(path, draw, title, 4.2)
 
@@ -73,14 +73,14 @@ def save_panels(
         figure.delaxes(axes)
         rows = figure.subplots(len(panels), 1, sharex=True)
         for panel, (y_label, series) in zip(rows, panels, strict=True):
-            _draw_over_bins(panel, series, y_label)
-        rows[-1].set_xlabel(x_label, fontsize=10, color=INK)
-        _legend(rows[0], len(panels[0][1]))
+            _draw_over_bins(panel, series)
+            plain_axes(panel, x_label if panel is rows[-1] else "", y_label, grid="both")
+        legend_above(rows[0], min(len(panels[0][1]), 4))
 
     save_figure(path, draw, title, 6.4)
 
 
-def _draw_over_bins(axes: Any, series: Sequence[Series], y_label: str) -> None:
+def _draw_over_bins(axes: Any, series: Sequence[Series]) -> None:
     bins = np.unique(np.concatenate([values.x for values in series]))
     step = float(np.min(np.diff(bins))) if len(bins) > 1 else 1.0
     for number, values in enumerate(series):
@@ -88,9 +88,7 @@ def _draw_over_bins(axes: Any, series: Sequence[Series], y_label: str) -> None:
         x = values.x + 0.14 * step * (number - 0.5 * (len(series) - 1))
         _draw_markers(axes, number, values, x, values.y, vertical=True)
         if values.expected is not None:
-            axes.plot(x, values.expected, color=COLOURS[number % len(COLOURS)], linewidth=1.1)
-    axes.set_ylabel(y_label, fontsize=10, color=INK)
-    _grid(axes)
+            axes.plot(x, values.expected, color=colour_of(number), linewidth=1.1)
 
 
 def save_named(
@@ -108,14 +106,11 @@ def save_named(
             rows = values.x + aside
             _draw_markers(axes, number, values, values.y, rows, vertical=False)
             if values.expected is not None:
-                axes.plot(
-                    values.expected, rows, "|", color=COLOURS[number % len(COLOURS)], markersize=11, markeredgewidth=1.1
-                )
-        axes.set_yticks(range(len(names)), [name.replace("$", r"\$") for name in names])
+                axes.plot(values.expected, rows, "|", color=colour_of(number), markersize=11, markeredgewidth=1.1)
+        axes.set_yticks(range(len(names)), [literal(name) for name in names])
         axes.set_ylim(len(names) - 0.4, -0.6)
-        axes.set_xlabel(x_label, fontsize=10, color=INK)
-        _grid(axes)
-        _legend(axes, len(series))
+        plain_axes(axes, x_label, grid="both")
+        legend_above(axes, min(len(series), 4))
 
     save_figure(path, draw, title, 1.4 + 0.3 * max(len(names), 2))
 
@@ -166,10 +161,8 @@ def save_snr(path: str | os.PathLike[str], pairs: Pairs, *, x_label: str, y_labe
         for level, line in zip(pairs.levels, (axes.axvline, axes.axhline), strict=True):
             if level is not None:
                 line(level, color=INK, linewidth=0.7, linestyle=(0, (1.2, 1.8)), zorder=1)
-        axes.set_xlabel(x_label, fontsize=10, color=INK)
-        axes.set_ylabel(y_label, fontsize=10, color=INK)
-        _grid(axes)
-        _legend(axes, 2)
+        plain_axes(axes, x_label, y_label, grid="both")
+        legend_above(axes, 2)
         for handle in axes.get_legend().legend_handles:
             handle.set_sizes([24])
             handle.set_alpha(1.0)
@@ -184,23 +177,13 @@ def _draw_markers(axes: Any, number: int, values: Series, x: Numbers, y: Numbers
         x,
         y,
         fmt=MARKERS[number % len(MARKERS)],
-        color=COLOURS[number % len(COLOURS)],
+        color=colour_of(number),
         markersize=4.5,
         linewidth=0,
         elinewidth=1.2,
         capsize=2,
-        label=values.label.replace("$", r"\$"),
+        label=literal(values.label),
         markeredgecolor="white",
         markeredgewidth=0.4,
         **bars,
     )
-
-
-def _grid(axes: Any) -> None:
-    axes.grid(visible=True, color=GRID, linewidth=0.6)
-    axes.set_axisbelow(True)
-    plain_axes(axes)
-
-
-def _legend(axes: Any, entries: int) -> None:
-    axes.legend(loc="lower left", bbox_to_anchor=(-0.01, 1.0), ncols=min(entries, 4), frameon=False, fontsize=8.5)

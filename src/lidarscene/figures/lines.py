@@ -11,7 +11,7 @@ import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -102,24 +102,37 @@ def save(chart: Chart, paths: Iterable[str | os.PathLike[str]]) -> None:
         InputError: if a file, a key or a value cannot be understood
         OutputError: if a result cannot be written
     """
-    import matplotlib as mpl
-
     kinds = [(path, suffix_of(path)) for path in paths]
-    # No date and no random ids: equal charts are equal files.
-    with mpl.rc_context({"svg.hashsalt": "lidarscene", "svg.fonttype": "path"}):
-        figure = _draw_chart(chart)
-        for path, kind in kinds:
-            options = {"metadata": {"Date": None}} if kind == "svg" else {"metadata": {"Software": None}}
-            with atomic_output(path) as temporary:
-                figure.savefig(temporary, format=kind, **options)
+    figure = _draw_chart(chart)
+    for path, kind in kinds:
+        write_figure(figure, path, kind)
 
 
-def _draw_chart(chart: Chart) -> Any:
+def empty_figure(size_inches: tuple[float, float], **options: Any) -> Any:
+    """White figure of matplotlib that no window shows."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=SIZE_INCHES, dpi=DPI, facecolor="white")
+    figure = Figure(figsize=size_inches, facecolor="white", **{"dpi": DPI} | options)
     FigureCanvasAgg(figure)
+    return figure
+
+
+def write_figure(figure: Any, path: str | os.PathLike[str], kind: str = "png") -> None:
+    """Write a figure, atomically; equal figures are equal files, without a date and random ids.
+
+    Raises:
+        OutputError: if a result cannot be written
+    """
+    import matplotlib as mpl
+
+    options = {"svg.hashsalt": "lidarscene", "svg.fonttype": "path"}
+    with mpl.rc_context(options), atomic_output(path) as temporary:
+        figure.savefig(temporary, format=kind, metadata={"Date" if kind == "svg" else "Software": None})
+
+
+def _draw_chart(chart: Chart) -> Any:
+    figure = empty_figure(SIZE_INCHES)
     axes = figure.add_subplot()
     if chart.x_log:
         axes.set_xscale("log")
@@ -129,8 +142,8 @@ def _draw_chart(chart: Chart) -> Any:
         axes.plot(
             line.x,
             np.where(np.isfinite(line.y), line.y, np.nan),
-            label=_literal(line.label),
-            color=_colour(line.colour),
+            label=literal(line.label),
+            color=colour_of(line.colour),
             linestyle=STYLES[line.style],
             linewidth=line.width,
             alpha=line.opacity,
@@ -163,15 +176,22 @@ def _frame(axes: Any, chart: Chart) -> None:
     for axis, log in ((axes.xaxis, chart.x_log), (axes.yaxis, chart.y_log)):
         if log:
             _plain_decades(axis)
-    axes.set_xlabel(_literal(chart.x_label), fontsize=10, color=INK)
-    axes.set_ylabel(_literal(chart.y_label), fontsize=10, color=INK)
-    axes.tick_params(labelsize=8.5, colors=INK, direction="out", length=3.5, width=0.7)
+    plain_axes(axes, literal(chart.x_label), literal(chart.y_label), grid="both")
     axes.tick_params(which="minor", length=2, width=0.5, labelsize=7.5)
-    axes.grid(visible=True, color=GRID, linewidth=0.6)
-    axes.set_axisbelow(True)
+    axes.spines[["left", "bottom"]].set_linewidth(0.7)
+
+
+def plain_axes(axes: Any, x_label: str = "", y_label: str = "", *, grid: Literal["", "x", "both"] = "") -> None:
+    """Draw labels, ticks and two spines in ink, and lines of a grid below what is drawn."""
+    for set_label, label in ((axes.set_xlabel, x_label), (axes.set_ylabel, y_label)):
+        if label:
+            set_label(label, fontsize=10, color=INK)
+    axes.tick_params(labelsize=8.5, colors=INK, length=3.5, width=0.7)
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color(INK)
-    axes.spines[["left", "bottom"]].set_linewidth(0.7)
+    if grid:
+        axes.grid(visible=True, axis=grid, color=GRID, linewidth=0.6)
+        axes.set_axisbelow(True)
 
 
 def _plain_decades(axis: Any) -> None:
@@ -187,11 +207,11 @@ def _plain_decades(axis: Any) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def _halo() -> list[Any]:
+def halo(width: float = 2.5) -> list[Any]:
     """White edge around a text."""
     from matplotlib.patheffects import withStroke
 
-    return [withStroke(linewidth=2.5, foreground="white")]
+    return [withStroke(linewidth=width, foreground="white")]
 
 
 def _notes(axes: Any, chart: Chart) -> None:
@@ -200,7 +220,7 @@ def _notes(axes: Any, chart: Chart) -> None:
         axes.axhline(level.y, color=GREY, linewidth=1.0, linestyle=STYLES["dotted"], zorder=1.5)
         x, align = (0.01, "left") if level.side == "left" else (0.99, "right")
         axes.annotate(
-            _literal(level.text),
+            literal(level.text),
             (x, level.y),
             xycoords=("axes fraction", "data"),
             xytext=(0, 3),
@@ -209,7 +229,7 @@ def _notes(axes: Any, chart: Chart) -> None:
             va="bottom",
             fontsize=8,
             color=GREY,
-            path_effects=_halo(),
+            path_effects=halo(),
         )
     for mark in chart.marks:
         point = {"color": _ink(mark), "markersize": 5, "markeredgecolor": "white", "zorder": 4, "clip_on": False}
@@ -217,7 +237,7 @@ def _notes(axes: Any, chart: Chart) -> None:
 
 
 def _ink(mark: Mark) -> str:
-    return INK if mark.colour is None else _colour(mark.colour)
+    return INK if mark.colour is None else colour_of(mark.colour)
 
 
 _PLACES = [(x, up * y) for y in (8.0, 22.0, 36.0, 50.0, 64.0) for up in (1.0, -1.0) for x in (8.0, -8.0)]
@@ -271,7 +291,7 @@ def _annotation(axes: Any, mark: Mark, offset: tuple[float, float]) -> Any:
     """Text of a mark, with a line to it from farther away than its own offset."""
     is_far = abs(offset[1]) > max(abs(mark.offset[1]), 8.0)
     return axes.annotate(
-        _literal(mark.text),
+        literal(mark.text),
         (mark.x, mark.y),
         xytext=offset,
         textcoords="offset points",
@@ -279,7 +299,7 @@ def _annotation(axes: Any, mark: Mark, offset: tuple[float, float]) -> Any:
         color=_ink(mark),
         ha="left" if offset[0] >= 0 else "right",
         va="bottom" if offset[1] >= 0 else "top",
-        path_effects=_halo(),
+        path_effects=halo(),
         zorder=5,
         arrowprops={"arrowstyle": "-", "color": _ink(mark), "linewidth": 0.6, "shrinkA": 1.0} if is_far else None,
     )
@@ -288,7 +308,7 @@ def _annotation(axes: Any, mark: Mark, offset: tuple[float, float]) -> Any:
 def _legend(figure: Any, axes: Any, chart: Chart) -> None:
     """Draw title and legend above the axes, where no curve can cross them."""
     if chart.title:
-        wrapped = "\n".join(textwrap.wrap(_literal(chart.title), 98))
+        wrapped = "\n".join(textwrap.wrap(literal(chart.title), 98))
         figure.suptitle(wrapped, x=0.012, ha="left", fontsize=8.5, color=GREY, linespacing=1.25)
     labels = [line.label for line in chart.lines if line.label]
     if not labels:
@@ -297,24 +317,20 @@ def _legend(figure: Any, axes: Any, chart: Chart) -> None:
     columns = max(1, min(len(labels), _LEGEND_CHARACTERS // (longest + 9)))
     if sum(len(label) + 9 for label in labels) <= _LEGEND_CHARACTERS:
         columns = len(labels)
-    axes.legend(
-        loc="lower left",
-        bbox_to_anchor=(-0.01, 1.0),
-        ncols=columns,
-        frameon=False,
-        fontsize=8.5,
-        labelcolor=INK,
-        handlelength=2.6,
-        columnspacing=1.6,
-        borderaxespad=0.4,
-    )
+    legend_above(axes, columns, labelcolor=INK, handlelength=2.6, columnspacing=1.6, borderaxespad=0.4)
 
 
-def _colour(number: int) -> str:
+def legend_above(axes: Any, columns: int, **options: Any) -> None:
+    """Draw the legend above the axes, in so many columns."""
+    axes.legend(loc="lower left", bbox_to_anchor=(-0.01, 1.0), ncols=columns, frameon=False, fontsize=8.5, **options)
+
+
+def colour_of(number: int) -> str:
+    """Colour of the line, sensor or group of this number."""
     return COLOURS[number % len(COLOURS)]
 
 
-def _literal(text: str) -> str:
+def literal(text: str) -> str:
     """Return a text with literal dollar signs, which matplotlib would take for a formula."""
     return text.replace("$", r"\$")
 
@@ -333,31 +349,19 @@ def tornado(
         InputError: if a file, a key or a value cannot be understood
         OutputError: if a result cannot be written
     """
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     kinds = [(path, suffix_of(path)) for path in paths]
-    with mpl.rc_context({"svg.hashsalt": "lidarscene", "svg.fonttype": "path"}):
-        height = 1.1 + 0.215 * max(len(bars), 2)
-        figure = Figure(figsize=(SIZE_INCHES[0], height), dpi=DPI, facecolor="white")
-        FigureCanvasAgg(figure)
-        _tornado(figure.add_subplot(), bars, title, label)
-        arrange(figure)
-        for path, kind in kinds:
-            options = {"metadata": {"Date": None}} if kind == "svg" else {"metadata": {"Software": None}}
-            with atomic_output(path) as temporary:
-                figure.savefig(temporary, format=kind, **options)
+    figure = empty_figure((SIZE_INCHES[0], 1.1 + 0.215 * max(len(bars), 2)))
+    _tornado(figure.add_subplot(), bars, title, label)
+    arrange(figure)
+    for path, kind in kinds:
+        write_figure(figure, path, kind)
 
 
 def _tornado(axes: Any, bars: Sequence[tuple[str, float]], title: str, label: str) -> None:
     """Draw bars, numbers at their ends, names along the left edge."""
-    from matplotlib.patheffects import withStroke
-
-    halo = [withStroke(linewidth=2.0, foreground="white")]
     values = [value for _, value in bars]
     places = range(len(bars))
-    axes.barh(places, values, height=0.68, color=[_colour(0 if value > 0.0 else 1) for value in values])
+    axes.barh(places, values, height=0.68, color=[colour_of(0 if value > 0.0 else 1) for value in values])
     for place, value in zip(places, values, strict=True):
         side = 1.0 if value > 0.0 else -1.0
         number = f"{value:+.2f}" if abs(value) >= 0.095 else f"{value:+.3f}"
@@ -370,19 +374,15 @@ def _tornado(axes: Any, bars: Sequence[tuple[str, float]], title: str, label: st
             ha="left" if side > 0.0 else "right",
             va="center",
             fontsize=7.5,
-            path_effects=halo,
+            path_effects=halo(2.0),
         )
     widest = 1.28 * max((abs(value) for value in values), default=1.0)
     axes.set_xlim(-widest, widest)
     axes.set_ylim(len(bars) - 0.4, -0.6)
-    axes.set_yticks(list(places), [_literal(name) for name, _ in bars])
+    axes.set_yticks(list(places), [literal(name) for name, _ in bars])
     axes.axvline(0.0, color=INK, linewidth=0.7)
-    axes.set_xlabel(_literal(label), fontsize=10, color=INK)
-    axes.set_title(_literal(title), fontsize=10, color=INK, loc="left", pad=8)
-    axes.tick_params(labelsize=8.5, colors=INK, length=3.5, width=0.7)
+    plain_axes(axes, literal(label), grid="x")
+    axes.set_title(literal(title), fontsize=10, color=INK, loc="left", pad=8)
     axes.tick_params(axis="y", length=0, labelsize=8)
-    axes.grid(visible=True, axis="x", color=GRID, linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right", "left"]].set_visible(False)
-    axes.spines["bottom"].set_color(INK)
+    axes.spines["left"].set_visible(False)
     axes.spines["bottom"].set_linewidth(0.7)

@@ -13,9 +13,20 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..files.atomic import atomic_output
 from ..maths.arrays import Numbers
-from .lines import COLOURS, DPI, GREY, GRID, INK, arrange
+from .lines import (
+    COLOURS,
+    GREY,
+    INK,
+    arrange,
+    colour_of,
+    empty_figure,
+    halo,
+    legend_above,
+    literal,
+    plain_axes,
+    write_figure,
+)
 
 WIDTH_INCHES = 7.2
 """Choice: width of a map."""
@@ -65,11 +76,9 @@ def save_map(path: str | os.PathLike[str], angle_map: AngleMap) -> None:
         axes.imshow(blank, cmap=ListedColormap([NO_DATA_COLOUR]), **options)
         visible = np.ma.masked_where(angle_map.outside | ~np.isfinite(values), values)
         image = axes.imshow(visible, cmap="viridis", norm=norm, **options)
-        bar = figure.colorbar(image, ax=axes, pad=0.02, aspect=24, use_gridspec=False)
-        bar.set_label(angle_map.label, fontsize=9, color=INK)
+        bar = _colour_bar(figure, axes, image, angle_map.label)
         if not angle_map.log:
             bar.ax.ticklabel_format(useOffset=False)
-        bar.ax.tick_params(labelsize=8)
         _angle_axes(axes, angle_map.extent)
         if angle_map.missing and blank[np.isfinite(blank)].size:
             _colour_legend(axes, [(NO_DATA_COLOUR, angle_map.missing)])
@@ -104,9 +113,7 @@ def save_pattern(
             vmax=float(time_s.max()) * 1e3 or 1.0,  # a flash has all its pulses at once
             s=float(np.clip(60_000.0 / max(len(time_s), 1), 0.6, 9.0)),
         )
-        bar = figure.colorbar(dots, ax=axes, pad=0.02, aspect=24, use_gridspec=False)
-        bar.set_label("time [ms]", fontsize=9, color=INK)
-        bar.ax.tick_params(labelsize=8)
+        _colour_bar(figure, axes, dots, "time [ms]")
         _angle_axes(axes, extent)
 
     save_figure(path, draw, title, _height(extent))
@@ -136,12 +143,12 @@ def save_layers(
             axes.scatter(
                 layer.azimuth_deg,
                 layer.elevation_deg,
-                color=COLOURS[layer.colour % len(COLOURS)],
+                color=colour_of(layer.colour),
                 linewidths=0,
                 rasterized=True,
                 s=float(np.clip(60_000.0 / max(len(layer.azimuth_deg), 1), 0.6, 9.0)),
             )
-            axes.scatter([], [], color=COLOURS[layer.colour % len(COLOURS)], s=24, label=layer.label)
+            axes.scatter([], [], color=colour_of(layer.colour), s=24, label=layer.label)
         axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, fontsize=8)
         _angle_axes(axes, extent)
 
@@ -165,7 +172,6 @@ def save_ground(
     def draw(figure: Any, axes: Any) -> None:
         from matplotlib import colormaps
         from matplotlib.colors import ListedColormap
-        from matplotlib.patheffects import withStroke
 
         most = max(int(count.max()), 1)
         shades = colormaps["viridis"](np.linspace(0.85, 0.1, most)) if most > 1 else [COLOURS[5]]
@@ -188,14 +194,12 @@ def save_ground(
                 textcoords="offset points",
                 fontsize=8,
                 color=INK,
-                path_effects=[withStroke(linewidth=2.5, foreground="white")],
+                path_effects=halo(),
             )
         axes.xaxis.set_major_formatter(lambda value, _: f"{0.0 - value:g}".replace("-", "\N{MINUS SIGN}"))
-        axes.set_xlabel("y, to the left [m]", fontsize=10, color=INK)
-        axes.set_ylabel("x, forward [m]", fontsize=10, color=INK)
         words = ["blind", "one sensor", *(f"{n} sensors" for n in range(2, most + 1))]
         _colour_legend(axes, list(zip(colours, words, strict=True)))
-        plain_axes(axes)
+        plain_axes(axes, "y, to the left [m]", "x, forward [m]")
 
     save_figure(path, draw, title, 7.4)
 
@@ -222,7 +226,7 @@ def save_scatter(
                 s=26,
                 alpha=0.8,
                 label=name,
-                color=COLOURS[number % len(COLOURS)],
+                color=colour_of(number),
                 linewidths=0.4,
                 marker=MARKERS[number % len(MARKERS)],
                 edgecolors="white",
@@ -235,14 +239,8 @@ def save_scatter(
         if high / low < 30.0:
             axes.xaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "235" else "")
             axes.tick_params(which="minor", labelsize=8)
-        axes.grid(visible=True, color=GRID, linewidth=0.6)
-        axes.set_axisbelow(True)
-        axes.set_xlabel(x_label, fontsize=10, color=INK)
-        axes.set_ylabel(y_label, fontsize=10, color=INK)
-        axes.legend(
-            loc="lower left", bbox_to_anchor=(-0.01, 1.0), ncols=min(len(groups), 4), frameon=False, fontsize=8.5
-        )
-        plain_axes(axes)
+        plain_axes(axes, x_label, y_label, grid="both")
+        legend_above(axes, min(len(groups), 4))
 
     save_figure(path, draw, title, 4.8)
 
@@ -254,48 +252,33 @@ def save_figure(path: str | os.PathLike[str], draw: Callable[[Any, Any], None], 
         InputError: if a file, a key or a value cannot be understood
         OutputError: if a result cannot be written
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     if not str(path).endswith(".png"):
         raise InputError(f"{path}: the name must end in .png")
-    figure = Figure(figsize=(WIDTH_INCHES, height), dpi=DPI, facecolor="white")
-    FigureCanvasAgg(figure)
+    figure = empty_figure((WIDTH_INCHES, height))
     draw(figure, figure.add_subplot())
-    figure.suptitle(title.replace("$", r"\$"), x=0.012, ha="left", fontsize=8.5, color=GREY, linespacing=1.25)
+    figure.suptitle(literal(title), x=0.012, ha="left", fontsize=8.5, color=GREY, linespacing=1.25)
     arrange(figure)
-    with atomic_output(path) as temporary:
-        figure.savefig(temporary, format="png", metadata={"Software": None})
+    write_figure(figure, path)
 
 
 def _angle_axes(axes: Any, extent: tuple[float, float, float, float]) -> None:
     axes.set_xlim(extent[1], extent[0])
     axes.set_ylim(extent[2], extent[3])
-    axes.set_xlabel("azimuth, to the left [deg]", fontsize=10, color=INK)
-    axes.set_ylabel("elevation [deg]", fontsize=10, color=INK)
-    plain_axes(axes)
+    plain_axes(axes, "azimuth, to the left [deg]", "elevation [deg]")
 
 
-def plain_axes(axes: Any) -> None:
-    """Draw ticks and two spines, in ink."""
-    axes.tick_params(labelsize=8.5, colors=INK, length=3.5, width=0.7)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.spines[["left", "bottom"]].set_color(INK)
+def _colour_bar(figure: Any, axes: Any, image: Any, label: str) -> Any:
+    bar = figure.colorbar(image, ax=axes, pad=0.02, aspect=24, use_gridspec=False)
+    bar.set_label(label, fontsize=9, color=INK)
+    bar.ax.tick_params(labelsize=8)
+    return bar
 
 
 def _colour_legend(axes: Any, entries: Sequence[tuple[Any, str]]) -> None:
     from matplotlib.patches import Patch
 
     handles = [Patch(facecolor=colour, edgecolor=GREY, linewidth=0.5, label=text) for colour, text in entries]
-    axes.legend(
-        handles=handles,
-        loc="lower left",
-        bbox_to_anchor=(-0.01, 1.0),
-        ncols=5,
-        frameon=False,
-        fontsize=8.5,
-        borderaxespad=0.3,
-    )
+    legend_above(axes, 5, handles=handles, borderaxespad=0.3)
 
 
 def _height(extent: tuple[float, float, float, float]) -> float:

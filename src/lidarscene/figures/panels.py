@@ -18,9 +18,10 @@ from ..files.facts import Picture
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..maths.trajectory import pose_at
+from ..maths.vectors import convex_hull
 from ..scene.scene import Body, Part, Scene
-from .lines import COLOURS, DPI, GREY, GRID, INK
-from .maps import NO_DATA_COLOUR, plain_axes
+from .lines import DPI, GREY, INK, colour_of, empty_figure, literal, plain_axes, write_figure
+from .maps import NO_DATA_COLOUR
 
 Panel = Callable[[Any], None]
 """Function that draws on axes."""
@@ -47,19 +48,13 @@ def draw_panels(panels: Sequence[Panel], title: str) -> Picture:
 
 
 def _draw(panels: Sequence[Panel], title: str, path: Path) -> None:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     size = PANEL_INCHES * len(panels), PANEL_INCHES
-    figure = Figure(figsize=size, dpi=DPI // 2, facecolor="white", layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = empty_figure(size, dpi=DPI // 2, layout="constrained")
     for axes, panel in zip(np.ravel(figure.subplots(1, len(panels))), panels, strict=True):
         panel(axes)
-        axes.grid(visible=True, color=GRID, linewidth=0.6)
-        axes.set_axisbelow(True)
-        plain_axes(axes)
-    figure.suptitle(title.replace("$", r"\$"), x=0.012, ha="left", fontsize=9.5, color=GREY)
-    figure.savefig(path, format="png", metadata={"Software": None})
+        plain_axes(axes, grid="both")
+    figure.suptitle(literal(title), x=0.012, ha="left", fontsize=9.5, color=GREY)
+    write_figure(figure, path)
 
 
 def draw_scene(scene: Scene) -> Picture:
@@ -73,7 +68,7 @@ def draw_scene(scene: Scene) -> Picture:
     ]
     seen.sort(key=lambda entry: -float(np.linalg.norm(_middle_m(entry[1]) - place.position_m)))
     standing = [body.class_name for body, corners_m in seen if np.ptp(corners_m[:, 2]) > LEAST_HEIGHT_M]
-    colours = {name: COLOURS[i % len(COLOURS)] for i, (name, _) in enumerate(Counter(standing).most_common())}
+    colours = {name: colour_of(i) for i, (name, _) in enumerate(Counter(standing).most_common())}
     panels = [
         functools.partial(_from_above, seen=seen, colours=colours, place=place),
         functools.partial(_from_sensor, seen=seen, colours=colours, place=place),
@@ -99,16 +94,6 @@ def _middle_m(corners_m: Numbers) -> Numbers:
     return np.asarray(0.5 * (corners_m.min(axis=0) + corners_m.max(axis=0)))
 
 
-def _outline(points: Numbers) -> Numbers:
-    """(k, 2) corners of the convex hull of (n, 2) points; the points themselves where they lie on a line."""
-    from scipy.spatial import ConvexHull, QhullError
-
-    try:
-        return np.asarray(points[ConvexHull(points).vertices])
-    except (QhullError, ValueError):  # all on a line, or fewer than three
-        return points
-
-
 def _fill(axes: Any, outline: Numbers, colour: str | None) -> None:
     """Fill an outline; without a colour it is ground."""
     shade = {"facecolor": NO_DATA_COLOUR, "edgecolor": "white"} if colour is None else {"facecolor": colour}
@@ -123,7 +108,7 @@ def _from_above(axes: Any, *, seen: Sequence[tuple[Body, Numbers]], colours: dic
     names = []
     for body, corners_m in seen:
         stands = np.ptp(corners_m[:, 2]) > LEAST_HEIGHT_M
-        _fill(axes, _outline(corners_m[:, :2]), colours[body.class_name] if stands else None)
+        _fill(axes, convex_hull(corners_m[:, :2]), colours[body.class_name] if stands else None)
         if stands:
             distance_m = float(np.linalg.norm(_middle_m(corners_m)[:2] - (x, y)))
             farthest_m = max(farthest_m, distance_m)
@@ -145,8 +130,7 @@ def _from_above(axes: Any, *, seen: Sequence[tuple[Body, Numbers]], colours: dic
         arrowprops={"arrowstyle": "->"},
         zorder=5,
     )
-    axes.set_xlabel("x [m], from above", fontsize=10, color=INK)
-    axes.set_ylabel("y [m]", fontsize=10, color=INK)
+    plain_axes(axes, "x [m], from above", "y [m]")
 
 
 def _from_sensor(axes: Any, *, seen: Sequence[tuple[Body, Numbers]], colours: dict[str, str], place: Pose) -> None:
@@ -164,11 +148,10 @@ def _from_sensor(axes: Any, *, seen: Sequence[tuple[Body, Numbers]], colours: di
         angles_deg = np.degrees(np.stack([azimuth, np.arctan2(z, np.hypot(x, y))], axis=1))
         widest_deg = max(widest_deg, float(np.abs(angles_deg[:, 0]).max()))
         for turns in (-360.0, 0.0, 360.0):  # what lies behind the sensor is on both edges
-            _fill(axes, _outline(angles_deg + np.array([turns, 0.0])), colours[body.class_name])
+            _fill(axes, convex_hull(angles_deg + np.array([turns, 0.0])), colours[body.class_name])
     axes.set(xlim=(min(1.2 * widest_deg, 180.0), -min(1.2 * widest_deg, 180.0)), ylim=(-45.0, 45.0))
     axes.axhline(0.0, color=GREY, linewidth=0.7)
-    axes.set_xlabel("azimuth from the sensor, to the left [deg]", fontsize=10, color=INK)
-    axes.set_ylabel("elevation [deg]", fontsize=10, color=INK)
+    plain_axes(axes, "azimuth from the sensor, to the left [deg]", "elevation [deg]")
     handles = [Patch(facecolor=colour, edgecolor=INK, label=name) for name, colour in list(colours.items())[:12]]
     if handles:
         axes.legend(handles=handles, fontsize=7, ncols=3, loc="lower left", frameon=False)

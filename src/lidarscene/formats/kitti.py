@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -23,22 +23,11 @@ BLOCK_POINTS = 1 << 18
 Append = Callable[[Cloud], None]
 
 
-def write_kitti(path: str | os.PathLike[str], cloud: Cloud) -> None:
-    """Write the points in the sensor's frame; the intensity keeps its unit."""
-    with kitti_stream(path) as append:
-        append(cloud)
-
-
-def kitti_stream(path: str | os.PathLike[str]) -> AbstractContextManager[Append]:
-    """Write the clouds that are appended in the block one after the other."""
-    return rows_stream(path, ("intensity",))
-
-
 @contextmanager
-def rows_stream(
+def kitti_stream(
     path: str | os.PathLike[str], columns: tuple[str, ...], axes: Numbers | None = None
 ) -> Iterator[Append]:
-    """Write rows of float32 without a header: the position in the sensor's frame, and these columns.
+    """Write the clouds that are appended in the block one after the other: the positions, and these columns.
 
     Args:
         axes: (3, 3) rows x, y and z of the file in the sensor's frame; None: the sensor's own
@@ -53,7 +42,7 @@ def rows_stream(
 
 
 def kitti_rows(cloud: Cloud, columns: tuple[str, ...], axes: Numbers | None = None) -> Numbers:
-    """(n, 3 + columns) rows of `rows_stream`."""
+    """(n, 3 + columns) rows of `kitti_stream`."""
     local = cloud.in_sensor_frame()
     xyz_m = local.xyz_m if axes is None else local.xyz_m @ axes.T.astype(local.xyz_m.dtype)
     values = [xyz_m, *(_values(local, name) for name in columns)]
@@ -66,14 +55,3 @@ def _values(cloud: Cloud, name: str) -> Numbers:
     if name != "ring" or rows is None:
         return values
     return np.array([int(word) for word in rows.split()])[values]
-
-
-def write_nuscenes(path: str | os.PathLike[str], cloud: Cloud) -> None:
-    """Write the points in the sensor's frame; the intensity keeps its unit."""
-    with nuscenes_stream(path) as append:
-        append(cloud)
-
-
-def nuscenes_stream(path: str | os.PathLike[str]) -> AbstractContextManager[Append]:
-    """Write the clouds that are appended in the block one after the other."""
-    return rows_stream(path, ("intensity", "ring"))

@@ -57,15 +57,6 @@ COUNTED = ((100, 54, 0), (243, 60, 4))
 records."""
 
 
-def write_las(path: str | os.PathLike[str], cloud: Cloud, *, compressed: bool = False) -> None:
-    """Write the cloud, as LAZ if ``compressed``."""
-    laspy = _laspy(compressed)
-    with atomic_output(path) as temporary, open(temporary, "wb") as file:
-        writer = _Writer(laspy, file, path, compressed=compressed)
-        writer.append(cloud, peak=float(cloud.column("intensity").max(initial=0.0)))
-        writer.close()
-
-
 @contextmanager
 def las_stream(path: str | os.PathLike[str], *, compressed: bool = False) -> Iterator[Callable[[Cloud], None]]:
     """Write the clouds that are appended in the block as one cloud; names and metadata are those of the first.
@@ -133,13 +124,13 @@ class _Writer:
             laz_backend=self._laspy.LazBackend.LazrsParallel if self._compressed else None,
         )
 
-    def append(self, cloud: Cloud, *, peak: float = 0.0) -> None:
-        """Write a cloud; ``peak`` is the largest intensity of the file, 0 if it is not known yet."""
+    def append(self, cloud: Cloud) -> None:
+        """Write a cloud, without the standard intensity."""
         if self._writer is None:
             self.open(cloud)
         self.largest = max(self.largest, float(cloud.column("intensity").max(initial=0.0)))
         for piece in _whole_pulses(cloud):
-            self.write(_points(self._laspy, piece, self._writer.header, self._path, peak))
+            self.write(_points(self._laspy, piece, self._writer.header, self._path))
 
     def write(self, points: Any) -> None:
         """Write records of laspy."""
@@ -168,7 +159,7 @@ class _Writer:
 
 
 def read_las(path: str | os.PathLike[str]) -> Fields:
-    """Read a file of `write_las`; the positions to 10 um.
+    """Read a file of `las_stream`; the positions to 10 um.
 
     Raises:
         InputError: in one line
@@ -289,6 +280,7 @@ def _header(laspy: Any, cloud: Cloud) -> Any:
     header = laspy.LasHeader(version="1.4", point_format=6)
     header.scales, header.offsets = np.full(3, STEP_M), np.rint(cloud.sensor_place.position_m)
     header.generating_software = "lidarscene"
+    header.global_encoding.wkt = True  # LAS 1.4 asks it of formats 6 to 10; PDAL and QGIS refuse the file without it
     header.add_extra_dims(
         [
             laspy.ExtraBytesParams(
@@ -310,7 +302,7 @@ def _columns(cloud: Cloud) -> list[Column]:
     return [column for column in cloud.columns if column.name not in ("x", "y", "z")]
 
 
-def _points(laspy: Any, cloud: Cloud, header: Any, path: str | os.PathLike[str], peak: float) -> Any:
+def _points(laspy: Any, cloud: Cloud, header: Any, path: str | os.PathLike[str]) -> Any:
     """Point records of laspy for these points."""
     if np.abs(cloud.xyz_m - header.offsets).max() >= REACH_M:
         raise InputError(f"{os.fspath(path)}: LAS holds points up to {REACH_M:.0f} m from the sensor, one is farther")
@@ -319,17 +311,16 @@ def _points(laspy: Any, cloud: Cloud, header: Any, path: str | os.PathLike[str],
         points[axis] = values
     for column in _columns(cloud):
         points[LAS_NAMES.get(column.name, column.name)] = cloud.column(column.name)
-    for name, values in _standard_fields(cloud, peak).items():
+    for name, values in _standard_fields(cloud).items():
         points[name] = values
     return points
 
 
-def _standard_fields(cloud: Cloud, peak: float) -> dict[str, Numbers]:
-    """Return LAS's own fields, as far as they can hold our values; ``peak`` is the largest intensity of the file."""
+def _standard_fields(cloud: Cloud) -> dict[str, Numbers]:
+    """Return LAS's own fields but the intensity, as far as they can hold our values."""
     returns = cloud.column("return_number").clip(1, MOST_RETURNS)
     angle = np.rint(np.degrees(cloud.column("azimuth").astype(np.float64)) / SCAN_ANGLE_STEP_DEG)
     return {
-        "intensity": _intensity(cloud.column("intensity"), peak),
         "return_number": returns,
         "number_of_returns": returns_of_pulses(cloud).clip(returns, MOST_RETURNS),
         "gps_time": cloud.column("time"),
@@ -339,7 +330,7 @@ def _standard_fields(cloud: Cloud, peak: float) -> dict[str, Numbers]:
 
 
 def _intensity(values: Numbers, peak: float) -> Numbers:
-    """Intensity as uint16, 65535 at ``peak``; 0 while the peak is not known."""
+    """Intensity as uint16, 65535 at ``peak``."""
     return np.rint(values.clip(0, peak) * (65535.0 / (peak or 1.0))).astype(np.uint16)
 
 

@@ -113,12 +113,6 @@ class GroundTruth:
 Append = Callable[..., None]
 
 
-def write_osi(path: str | os.PathLike[str], cloud: Cloud, *, storage: str = "binary") -> None:
-    """Write one frame."""
-    with osi_frames(path, storage=storage) as append:
-        append(cloud)
-
-
 @contextmanager
 def osi_frames(
     path: str | os.PathLike[str], *, storage: str = "binary", epoch_ns: int | None = None

@@ -26,12 +26,6 @@ WIDEST = 8  # bytes of a number
 GROUP_POINTS = 1 << 20  # rows of a row group: some 100 MB
 
 
-def write_parquet(path: str | os.PathLike[str], cloud: Cloud) -> None:
-    """Write one column of the table for each of the cloud's, compressed with Zstandard."""
-    with parquet_stream(path) as append:
-        append(cloud)
-
-
 @contextmanager
 def parquet_stream(path: str | os.PathLike[str]) -> Iterator[Callable[[Cloud], None]]:
     """Write the clouds that are appended in the block as one cloud; names and metadata are those of the first.
@@ -100,7 +94,7 @@ def _codes(column: Any, names: tuple[str, ...]) -> Numbers:
 
 
 def read_parquet(path: str | os.PathLike[str]) -> Fields:
-    """Read a file of `write_parquet`.
+    """Read a file of `parquet_stream`.
 
     Raises:
         InputError: in one line

@@ -42,12 +42,8 @@ LONGEST_RUN = 32
 """Largest number of literal bytes after one control byte of LZF."""
 
 
-def write_pcd(path: str | os.PathLike[str], cloud: Cloud, *, ascii: bool = False, compressed: bool = False) -> None:
-    """Write the cloud: binary little-endian, text with ``ascii``, or ``compressed``."""
-    if ascii or not compressed:
-        with pcd_stream(path, ascii=ascii) as append:
-            append(cloud)
-        return
+def write_pcd(path: str | os.PathLike[str], cloud: Cloud) -> None:
+    """Write the cloud compressed."""
     lzf = import_optional("lzf", extra="pcd")
     local = _about_viewpoint(cloud)
     columns = [np.ascontiguousarray(local.column(column.name)) for column in local.columns]
@@ -57,7 +53,11 @@ def write_pcd(path: str | os.PathLike[str], cloud: Cloud, *, ascii: bool = False
 
 
 def pcd_stream(path: str | os.PathLike[str], *, ascii: bool = False) -> AbstractContextManager[Callable[[Cloud], None]]:
-    """Write the clouds that are appended in the block as one cloud; names and metadata are those of the first."""
+    """Write the clouds that are appended in the block as one cloud; names and metadata are those of the first.
+
+    Args:
+        ascii: text, not little-endian binary
+    """
     data = "ascii" if ascii else "binary"
 
     def write(file: IO[bytes], cloud: Cloud) -> None:
@@ -72,7 +72,7 @@ def pcd_stream(path: str | os.PathLike[str], *, ascii: bool = False) -> Abstract
 
 
 def read_pcd(path: str | os.PathLike[str]) -> Fields:
-    """Read a file of `write_pcd`.
+    """Read a file of `write_pcd` or `pcd_stream`.
 
     Raises:
         InputError: in one line

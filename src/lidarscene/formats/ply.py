@@ -22,31 +22,14 @@ import numpy as np
 
 from ..errors import InputError
 from ..files.atomic import atomic_output
+from ..files.encodings.ply import NUMPY_TYPES
 from ..files.inputs import require_file
 from ..maths.arrays import Numbers
 from .cloud_columns import COLUMNS, Cloud, Fields, columns_of
 from .cloud_description import counted_stream, input_errors, line_format, unit_of
 
 VERSION_LINE = "lidarscene 2"
-_SIZES = {
-    "char": "i1",
-    "uchar": "u1",
-    "short": "i2",
-    "ushort": "u2",
-    "int": "i4",
-    "uint": "u4",
-    "float": "f4",
-    "double": "f8",
-    "int8": "i1",
-    "uint8": "u1",
-    "int16": "i2",
-    "uint16": "u2",
-    "int32": "i4",
-    "uint32": "u4",
-    "float32": "f4",
-    "float64": "f8",
-}
-PLY_TYPES = {np.dtype(size).name: word for word, size in reversed(_SIZES.items())}
+PLY_TYPES = {np.dtype(size).name: word for word, size in reversed(NUMPY_TYPES.items())}
 """Name of a numpy dtype -> the older word for it, which all readers take."""
 
 BLOCK_POINTS = 1 << 16  # a few MB: stays in the cache
@@ -58,26 +41,17 @@ _NAMES = {column.name: column.names for column in COLUMNS if column.names}
 _RESERVED = ("lidarscene", "unit", "+", "room", *_NAMES)
 
 
-def write_ply(
-    path: str | os.PathLike[str], cloud: Cloud, *, ascii: bool = False, colours: Numbers | None = None
-) -> None:
-    """Write the cloud, atomically; binary little-endian, or text with ``ascii``. Memory: one block.
+def ply_stream(
+    path: str | os.PathLike[str], *, ascii: bool = False, colours: Numbers | None = None
+) -> AbstractContextManager[Callable[[Cloud], None]]:
+    """Write the clouds that are appended in the block as one cloud; names and metadata are those of the first.
 
     Args:
-        colours: (n, 3) uint8: red, green and blue of each point, which viewers show; reading leaves them out
+        ascii: text, not little-endian binary
+        colours: (n, 3) uint8: red, green and blue of each point of the only cloud, which viewers show; reading leaves
+            them out
     """
-    with _stream(path, ascii=ascii, colours=colours) as append:
-        append(cloud)
 
-
-def ply_stream(path: str | os.PathLike[str], *, ascii: bool = False) -> AbstractContextManager[Callable[[Cloud], None]]:
-    """Write the clouds that are appended in the block as one cloud; names and metadata are those of the first."""
-    return _stream(path, ascii=ascii, colours=None)
-
-
-def _stream(
-    path: str | os.PathLike[str], *, ascii: bool, colours: Numbers | None
-) -> AbstractContextManager[Callable[[Cloud], None]]:
     def write(file: IO[bytes], cloud: Cloud) -> None:
         for block in _blocks(cloud, colours):
             file.write(_as_text(block) if ascii else block.view(np.uint8).data)
@@ -89,7 +63,7 @@ def _stream(
 
 
 def read_ply(path: str | os.PathLike[str]) -> Fields:
-    """Read a file of `write_ply`, exactly.
+    """Read a file of `ply_stream`, exactly.
 
     Raises:
         InputError: in one line, for a file that is missing, truncated or by another program
@@ -169,10 +143,10 @@ def ply_columns(path: str | os.PathLike[str]) -> dict[str, Numbers]:
             raise ValueError("must be a PLY whose first element is 'vertex'")
         end = elements[1] if len(elements) > 1 else len(words) - 1
         properties = words[elements[0] + 1 : end]
-        unknown = [" ".join(word) for word in properties if word[1] not in _SIZES]
+        unknown = [" ".join(word) for word in properties if word[1] not in NUMPY_TYPES]
         if unknown:
             raise ValueError(f"properties of vertices must be scalars, got '{unknown[0]}'")
-        dtype = np.dtype([(word[-1], orders[kind] + _SIZES[word[1]]) for word in properties])
+        dtype = np.dtype([(word[-1], orders[kind] + NUMPY_TYPES[word[1]]) for word in properties])
         count = int(words[elements[0]][2])
         if kind == "ascii":
             rows = np.loadtxt(list(itertools.islice(file, count)), dtype=dtype, comments=None, ndmin=1)

@@ -31,7 +31,7 @@ class Format:
 
     Attributes:
         suffix: end of the names of such files
-        write: write a cloud: path, cloud, options
+        write: write a cloud: path, cloud, options; without a function of its own through ``stream`` or ``frames``
         read: read the fields of a cloud from a path; None if such a file does not hold all of a cloud
         stream: context manager from a path (and ``ascii``) to a function that appends clouds; None if a file cannot be
             written piece by piece with the same bytes as from the whole cloud
@@ -87,21 +87,28 @@ def _import_on_call(module: str, name: str, **options: object) -> Callable[..., 
     return call
 
 
-def _functions(module: str, others: str = "", *, name: str | None = None, **options: object) -> dict[str, Any]:
-    """Functions of a format in its module: write_NAME, and of the ``others`` read_NAME, NAME_stream and NAME_frames.
+def _written_by(stream: Stream) -> Write:
+    """Write a file of one cloud with a function that writes one of several."""
+
+    def write(path: str | os.PathLike[str], cloud: object, **options: object) -> None:
+        with stream(path, **options) as append:
+            append(cloud)
+
+    return write
+
+
+def _functions(module: str, members: str, **options: object) -> dict[str, Any]:
+    """Functions of a format in its module, by member of `Format`: write_MODULE, read_MODULE, MODULE_stream, ...
 
     Args:
-        name: of the format in the functions' names; None: the module's
+        members: which of them the module has; one that cannot write writes with its stream or its frames
         options: of all but the reader
     """
-    name = name or module
-    functions = {"write": f"write_{name}", "stream": f"{name}_stream", "frames": f"{name}_frames"}
-    members = {
-        member: _import_on_call(module, function, **options)
-        for member, function in functions.items()
-        if member in ("write", *others.split())
-    }
-    return members | ({"read": _import_on_call(module, f"read_{name}")} if "read" in others else {})
+    names = {"write": f"write_{module}", "stream": f"{module}_stream", "frames": f"{module}_frames"}
+    functions = {name: _import_on_call(module, names[name], **options) for name in names if name in members.split()}
+    if "write" not in functions:
+        functions["write"] = _written_by(*functions.values())
+    return functions | ({"read": _import_on_call(module, f"read_{module}")} if "read" in members.split() else {})
 
 
 def _ros(suffix: str, storage: str, layout: str = "") -> Format:
@@ -144,9 +151,9 @@ def _osi(suffix: str, *, extra: str = "", storage: str) -> Format:
     )
 
 
-def _rows(suffix: str, name: str, columns: str) -> Format:
-    functions = _functions("kitti", "stream", name=name)
-    return Format(suffix=suffix, columns=columns, positions="float32, sensor frame", beside="nothing", **functions)
+def _rows(suffix: str, text: str, columns: tuple[str, ...]) -> Format:
+    functions = _functions("kitti", "stream", columns=columns)
+    return Format(suffix=suffix, columns=text, positions="float32, sensor frame", beside="nothing", **functions)
 
 
 ROS_LAYOUTS = ("velodyne", "ouster", "hesai", "robosense", "livox", "livox-custom")
@@ -160,7 +167,7 @@ _PCD: dict[str, Any] = {
 FORMATS = {
     "ply": Format(suffix=".ply", text=True, colour=True, **_functions("ply", "read stream")),
     "pcd": Format(suffix=".pcd", text=True, **_PCD, **_functions("pcd", "read stream")),
-    "pcd-compressed": Format(suffix=".pcd", extra="pcd", **_PCD, **_functions("pcd", "read", compressed=True)),
+    "pcd-compressed": Format(suffix=".pcd", extra="pcd", **_PCD, **_functions("pcd", "write read")),
     "las": _las(".las", compressed=False),
     "laz": _las(".laz", compressed=True),
     "e57": Format(
@@ -168,11 +175,11 @@ FORMATS = {
         extra="e57",
         columns="all, exact, infinity as 3.4e38",
         beside="metadata, units, names; the pose of the scan",
-        **_functions("e57"),
+        **_functions("e57", "write"),
     ),
-    "kitti": _rows(".bin", "kitti", "`intensity`"),
-    "nuscenes": _rows(".pcd.bin", "nuscenes", "`intensity`, `ring` from the lowest up"),
-    "npz": Format(suffix=".npz", **_functions("npz", "read")),
+    "kitti": _rows(".bin", "`intensity`", ("intensity",)),
+    "nuscenes": _rows(".pcd.bin", "`intensity`, `ring` from the lowest up", ("intensity", "ring")),
+    "npz": Format(suffix=".npz", **_functions("npz", "write read")),
     "parquet": Format(suffix=".parquet", extra="parquet", **_functions("parquet", "read stream")),
     "mcap": _ros(".mcap", storage="mcap"),
     **{f"mcap-{layout}": _ros(".mcap", storage="mcap", layout=layout) for layout in ROS_LAYOUTS},

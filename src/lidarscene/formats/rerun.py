@@ -64,12 +64,6 @@ class LabelledBox(Protocol):
         """Pose of the centre."""
 
 
-def write_rerun(path: str | os.PathLike[str], cloud: Cloud) -> None:
-    """Write a file of one frame."""
-    with rerun_frames(path) as append:
-        append(cloud)
-
-
 @contextmanager
 def rerun_frames(path: str | os.PathLike[str], *, epoch_ns: int | None = None) -> Iterator[RerunLog]:
     """Write a file of the clouds that are appended in the block.

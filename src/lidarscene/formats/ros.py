@@ -11,11 +11,11 @@ vehicle's pose, from `map` to `base_link`, at the start of each frame and, where
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -72,29 +72,6 @@ _DATATYPES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8
 """Constants of sensor_msgs/PointField."""
 
 
-def write_ros(
-    path: str | os.PathLike[str],
-    clouds: Cloud | Iterable[Cloud],
-    *,
-    storage: str = "mcap",
-    layout: str = "",
-    topic: str | None = None,
-    frame_id: str | None = None,
-) -> None:
-    """Write a bag of one frame, or of each that comes.
-
-    Args:
-        storage: "mcap": one file; "sqlite3": a folder with `metadata.yaml` and one file
-        layout: key of `LAYOUTS`, or `CUSTOM`; "": that of the sensor's driver
-        topic: of the points, in place of the driver's
-        frame_id: of the points, in place of the driver's
-    """
-    frames = [cast(Cloud, clouds)] if hasattr(clouds, "columns") else clouds
-    with ros_frames(path, storage=storage, layout=layout, topic=topic, frame_id=frame_id) as append:
-        for cloud in frames:
-            append(cloud)
-
-
 @contextmanager
 def ros_frames(
     path: str | os.PathLike[str],
@@ -108,7 +85,10 @@ def ros_frames(
     """Write a bag of the clouds that are appended in the block: a message each, stamped at the start of its frame.
 
     Args:
-        layout: as in `write_ros`, and ``topic`` and ``frame_id``
+        storage: "mcap": one file; "sqlite3": a folder with `metadata.yaml` and one file
+        layout: key of `LAYOUTS`, or `CUSTOM`; "": that of the sensor's driver
+        topic: of the points, in place of the driver's
+        frame_id: of the points, in place of the driver's
         epoch_ns: from 1970 to the scene's second 0; None: `formats.clock.default_epoch_ns` of the first cloud
     """
     if frame_id in (VEHICLE_FRAME, WORLD_FRAME):

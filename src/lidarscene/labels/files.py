@@ -23,7 +23,7 @@ import numpy as np
 
 from ..cloud.point_cloud import PointCloud
 from ..errors import InputError
-from ..files.atomic import atomic_output
+from ..files.atomic import atomic_output, put_text
 from ..files.json_text import json_text
 from ..formats.osi import framed
 from ..formats.registry import LABELS, format_of
@@ -89,7 +89,7 @@ def labels_stream(
     with _STREAMS[format](first, scene, **options) as append:
         yield append
     if further_paths:
-        _write_text(further_paths[0], kitti_calibration())
+        put_text(further_paths[0], kitti_calibration())
 
 
 def label_paths(path: str | os.PathLike[str], *, format: str) -> tuple[Path, ...]:
@@ -305,11 +305,6 @@ def _osi_stream(path: Path, scene: Scene) -> Iterator[Append]:
         yield gathered.append
         truth = gathered_truth(gathered, scene)
         temporary.write_bytes(framed(truth.fields(gathered.first.frame_start_s)))
-
-
-def _write_text(path: Path, text: str) -> None:
-    with atomic_output(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
 
 
 _STREAMS: dict[str, Callable[..., AbstractContextManager[Append]]] = {

@@ -23,7 +23,7 @@ import numpy as np
 from ..cloud.point_cloud import PointCloud
 from ..files.atomic import atomic_output
 from ..formats.clock import EPOCH, default_epoch_ns, stamp_ns
-from ..formats.kitti import rows_stream
+from ..formats.kitti import kitti_stream
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..maths.rotations import quaternion
@@ -154,7 +154,7 @@ def sample_stream(folder: Path, sample: Sample, scene: Scene, record: dict[str, 
         InputError: for a cloud without truth, of which the labels are made
     """
     with ExitStack() as streams:
-        cloud_file = streams.enter_context(rows_stream(folder / sample.cloud, ("intensity", "ring"), TO_NUSCENES))
+        cloud_file = streams.enter_context(kitti_stream(folder / sample.cloud, ("intensity", "ring"), TO_NUSCENES))
         temporary = streams.enter_context(atomic_output(folder / sample.classes))
         class_file = streams.enter_context(open(temporary, "wb"))
         gathered = streams.enter_context(GatheredBoxes(temporary.parent, scene))

@@ -231,10 +231,61 @@ class GivenAngles(Mechanism):
         return azimuth, elevation
 
 
-def row_elevations(scanner: Scanner) -> Numbers:
-    """Elevation of each channel in the middle of its line, where each line is a channel."""
-    line = scanner.line_pulses or scanner.pulses
-    middle = np.arange(line // 2, scanner.pulses, line)
-    elevation = np.zeros(len(middle))
-    elevation[np.asarray(scanner.channel(middle))] = scanner.angles(middle)[1]
-    return elevation
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SteadyPulses(Mechanism):
+    """Base of the scanners that fire one pulse after the other, without a pause.
+
+    Attributes:
+        pulses: as in `Scanner`
+    """
+
+    pulses: int
+    rate_hz: float
+
+    @property
+    def frame_s(self) -> float:
+        """Length of a frame."""
+        return self.pulses / self.rate_hz
+
+    @property
+    def clock(self) -> PulseClock:
+        """One pulse after the other, without a pause."""
+        return PulseClock(rate_hz=self.rate_hz)
+
+
+class LineByLine(Mechanism):
+    """Base of the scanners of which a frame is ``rows`` lines of ``columns`` pulses, and a line is a channel."""
+
+    __slots__ = ()
+    columns: int
+    rows: int
+
+    @property
+    def pulses(self) -> int:
+        """Pulses in one frame."""
+        return self.columns * self.rows
+
+    @property
+    def line_pulses(self) -> int:
+        """Pulses of a line."""
+        return self.columns
+
+    def _row_and_column(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
+        ops = xp(pulse)
+        line, column = ops.divmod(pulse, self.columns)
+        return ops.divmod(line, self.rows)[1], column
+
+    def channel(self, pulse: Lanes) -> Lanes:
+        """Row of each pulse, 0 at the top."""
+        return self._row_and_column(pulse)[0]
+
+    @property
+    def channel_elevation_rad(self) -> Numbers | None:
+        """Elevation of each row in its middle."""
+        return self._row_elevations()
+
+    def _row_elevations(self) -> Numbers:
+        middle = np.arange(self.columns // 2, self.pulses, self.columns)
+        elevation = np.zeros(self.rows)
+        elevation[np.asarray(self.channel(middle))] = self.angles(middle)[1]
+        return elevation

@@ -26,10 +26,10 @@ from pydantic import Field, model_validator
 
 from ..errors import InputError
 from ..files.table_model import Number
-from ..maths.arrays import Lanes, Numbers, xp
+from ..maths.arrays import Lanes, xp
 from ..maths.units import FileKey, Quantity, si
 from ..maths.vectors import Vector
-from .base import Mechanism, row_elevations
+from .base import LineByLine
 from .clock import PulseClock
 from .scanner_file import ScannerContext, ScannerFile
 
@@ -47,7 +47,7 @@ Count = Annotated[int, Quantity(ge=1, le=2**24, about="pixels")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Flash(Mechanism):
+class Flash(LineByLine):
     """Pixels row by row from the first row, each row from the left as seen from the sensor.
 
     Attributes:
@@ -76,24 +76,12 @@ class Flash(Mechanism):
     first_row: Annotated[Literal["top", "bottom"], FileKey(about="where a frame begins")] = "top"
 
     @property
-    def pulses(self) -> int:
-        """Number of pixels."""
-        return self.columns * self.rows
-
-    @property
     def frame_s(self) -> float:
         """Time from flash to flash."""
         return 1.0 / self.frame_rate_hz
 
-    @property
-    def line_pulses(self) -> int:
-        """Pixels of a row."""
-        return self.columns
-
     def _row_and_column(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
-        ops = xp(pulse)
-        line, column = ops.divmod(pulse, self.columns)
-        row = ops.divmod(line, self.rows)[1]
+        row, column = LineByLine._row_and_column(self, pulse)
         return row if self.first_row == "top" else self.rows - 1 - row, column
 
     def _mechanism(self, pulse: Lanes) -> tuple[Lanes, ...]:
@@ -107,15 +95,6 @@ class Flash(Mechanism):
         up = ops.float32(self.rows - 1 - 2 * row) * (0.5 * self.pitch)
         cos, ratio, pixel = _project(self.projection, left * left + up * up)
         return (cos, ratio * left, ratio * up), cos * pixel if self.falloff == "pupil_and_pixel" else cos
-
-    def channel(self, pulse: Lanes) -> Lanes:
-        """Row of each pixel, 0 at the top."""
-        return self._row_and_column(pulse)[0]
-
-    @property
-    def channel_elevation_rad(self) -> Numbers:
-        """Elevation of each row in its middle."""
-        return row_elevations(self)
 
     @property
     def clock(self) -> PulseClock:

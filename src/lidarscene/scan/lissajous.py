@@ -19,8 +19,7 @@ from ..files.table_model import Number
 from ..maths.arrays import Lanes, xp
 from ..maths.units import Quantity
 from ..maths.vectors import Vector
-from .base import Encoder, Jitter, Mechanism
-from .clock import PulseClock
+from .base import Encoder, Jitter, SteadyPulses
 from .mirror_optics import Mirrors, MirrorsFile
 from .scanner_file import ScannerContext
 from .turns import Turns
@@ -36,7 +35,7 @@ class Swing:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Lissajous(Mechanism):
+class Lissajous(SteadyPulses):
     """Pulses at a constant rate; ``pulses`` of them are a frame. Made by `create`.
 
     Attributes:
@@ -44,8 +43,6 @@ class Lissajous(Mechanism):
         elevation_turn_rad: mechanical amplitudes, zero to peak
     """
 
-    pulses: int
-    rate_hz: float
     mirrors: Mirrors
     azimuth: Turns
     elevation: Turns
@@ -82,11 +79,6 @@ class Lissajous(Mechanism):
             encoder_rad=encoder_rad,
         )
 
-    @property
-    def frame_s(self) -> float:
-        """Length of a frame."""
-        return self.pulses / self.rate_hz
-
     def _mechanism(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         ops = xp(pulse)
         return (
@@ -105,11 +97,6 @@ class Lissajous(Mechanism):
         """The scanner with the mirrors there."""
         azimuth, elevation = phase
         return replace(self, azimuth=self.azimuth.from_start(azimuth), elevation=self.elevation.from_start(elevation))
-
-    @property
-    def clock(self) -> PulseClock:
-        """One pulse after the other, without a pause."""
-        return PulseClock(rate_hz=self.rate_hz)
 
 
 Frequency = Annotated[float, Number(ge=1e-4, le=1e7)]

@@ -15,14 +15,14 @@ from pydantic import model_validator
 from ..maths.arrays import Lanes, Numbers, xp
 from ..maths.units import FileKey, Quantity
 from ..maths.vectors import Vector
-from .base import Mechanism, row_elevations
+from .base import LineByLine
 from .clock import PulseClock
 from .mirror_optics import Mirrors, MirrorsFile
 from .scanner_file import ScannerContext, require_fewer
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MirrorRaster(Mechanism):
+class MirrorRaster(LineByLine):
     """A frame of ``rows`` lines of ``columns`` pulses, from the top, the first from the left.
 
     Attributes:
@@ -50,16 +50,6 @@ class MirrorRaster(Mechanism):
     frame_duty: Annotated[Lanes, Quantity(gt=0, le=1, about="part of a frame's time in which lines are scanned")] = 1.0
 
     @property
-    def pulses(self) -> int:
-        """Pulses in one frame."""
-        return self.columns * self.rows
-
-    @property
-    def line_pulses(self) -> int:
-        """Pulses of a line."""
-        return self.columns
-
-    @property
     def line_s(self) -> float:
         """Time from line to line."""
         return float(self.columns / (self.rate_hz * self.line_duty))
@@ -68,11 +58,6 @@ class MirrorRaster(Mechanism):
     def frame_s(self) -> float:
         """Length of a frame, fly-back included."""
         return float(self.rows * self.line_s / self.frame_duty)
-
-    def _row_and_column(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
-        ops = xp(pulse)
-        line, column = ops.divmod(pulse, self.columns)
-        return ops.divmod(line, self.rows)[1], column
 
     def _mechanism(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         ops = xp(pulse)
@@ -98,14 +83,10 @@ class MirrorRaster(Mechanism):
     def _optics(self, pulse: Lanes, turned: tuple[Lanes, ...]) -> tuple[Vector, Lanes]:
         return self.mirrors.beam(turned[0], turned[1])
 
-    def channel(self, pulse: Lanes) -> Lanes:
-        """Line of each pulse."""
-        return self._row_and_column(pulse)[0]
-
     @property
     def channel_elevation_rad(self) -> Numbers | None:
         """Elevation of each line in its middle; None of upright lines."""
-        return row_elevations(self) if self.fast == "azimuth" else None
+        return self._row_elevations() if self.fast == "azimuth" else None
 
     @property
     def clock(self) -> PulseClock:

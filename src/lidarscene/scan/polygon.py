@@ -25,11 +25,11 @@ import numpy as np
 from pydantic import model_validator
 
 from ..errors import InputError
-from ..maths.arrays import Lanes, LookupTable, Numbers, xp
+from ..maths.arrays import Lanes, LookupTable, xp
 from ..maths.units import FileKey, Quantity, SameTable
 from ..maths.vectors import Vector, dot, reflected, weighted_sum
 from .aperture import slit_share
-from .base import Encoder, Jitter, Mechanism, Rotation, row_elevations
+from .base import Encoder, Jitter, LineByLine, Rotation
 from .clock import PulseClock
 from .scanner_file import ScannerContext, ScannerFile
 
@@ -67,8 +67,8 @@ class Facets:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Polygon(Mechanism):
-    """One frame is one turn: ``facets`` lines of ``columns`` pulses, in the middle of each facet. Made by `create`.
+class Polygon(LineByLine):
+    """One frame is one turn: a row of ``columns`` pulses for each facet, in its middle. Made by `create`.
 
     Attributes:
         turn_rad: turn from pulse to pulse; positive is counter-clockwise seen from above
@@ -79,8 +79,8 @@ class Polygon(Mechanism):
         lens_radius_m: lens radius of the receiver; used only with an inradius
     """
 
-    facets: int
     columns: int
+    rows: int
     rate_hz: float
     rotation_hz: float
     turn_rad: Lanes
@@ -104,7 +104,7 @@ class Polygon(Mechanism):
         """Build from the facets, one for each tilt; pulses leave during ``duty`` of a facet's time."""
         count = len(facets.tilt_rad)
         return cls(
-            facets=count,
+            rows=count,
             columns=max(1, int(rate_hz * facets.duty / (abs(rotation_hz) * count) + 1e-6)),
             rate_hz=rate_hz,
             rotation_hz=rotation_hz,
@@ -120,34 +120,19 @@ class Polygon(Mechanism):
         )
 
     @property
-    def pulses(self) -> int:
-        """Pulses in one frame."""
-        return self.facets * self.columns
-
-    @property
     def frame_s(self) -> float:
         """One turn of the polygon."""
         return 1.0 / abs(self.rotation_hz)
 
-    @property
-    def line_pulses(self) -> int:
-        """Pulses of one facet."""
-        return self.columns
-
-    def _facet_and_column(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
-        ops = xp(pulse)
-        line, column = ops.divmod(pulse, self.columns)
-        return ops.divmod(line, self.facets)[1], column
-
     def _mechanism(self, pulse: Lanes) -> tuple[Lanes]:
-        column = self._facet_and_column(pulse)[1]
+        column = self._row_and_column(pulse)[1]
         # The turn counts from each facet's own middle: facets differ in tilt only.
         return (xp(pulse).float32(2 * column + 1 - self.columns) * (0.5 * self.turn_rad),)
 
     def _optics(self, pulse: Lanes, turned: tuple[Lanes, ...]) -> tuple[Vector, Lanes]:
         ops = xp(pulse)
         (turn,) = turned
-        tilt = ops.float32(ops.take(self.tilt_rad, self._facet_and_column(pulse)[0]))
+        tilt = ops.float32(ops.take(self.tilt_rad, self._row_and_column(pulse)[0]))
         # `rest_normal` is that of an upright facet in mid-line; mirrored at it, the incoming beam leaves along x.
         rest_normal = ops.cos(self.incidence_rad), self.side * ops.sin(self.incidence_rad), 0.0
         incoming = weighted_sum(1.0, (1.0, 0.0, 0.0), -2.0 * rest_normal[0], rest_normal)
@@ -169,19 +154,10 @@ class Polygon(Mechanism):
         share = slit_share(left=(self.half_facet + offset) * scale, right=(self.half_facet - offset) * scale)
         return direction, share
 
-    def channel(self, pulse: Lanes) -> Lanes:
-        """Facet of each pulse."""
-        return self._facet_and_column(pulse)[0]
-
-    @property
-    def channel_elevation_rad(self) -> Numbers:
-        """Elevation of each facet in its middle."""
-        return row_elevations(self)
-
     @property
     def clock(self) -> PulseClock:
         """Pulses of a line at the pulse rate; each line starts when its facet arrives."""
-        return PulseClock(levels=((self.columns, self.frame_s / self.facets),), rate_hz=self.rate_hz)
+        return PulseClock(levels=((self.columns, self.frame_s / self.rows),), rate_hz=self.rate_hz)
 
 
 class PolygonFile(ScannerFile[Polygon]):

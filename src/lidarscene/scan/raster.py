@@ -11,15 +11,15 @@ from typing import Annotated, Literal
 
 from pydantic import model_validator
 
-from ..maths.arrays import Lanes, Numbers, xp
+from ..maths.arrays import Lanes, xp
 from ..maths.units import Quantity
-from .base import Encoder, GivenAngles, Jitter, row_elevations
+from .base import Encoder, GivenAngles, Jitter, LineByLine
 from .clock import PulseClock
 from .scanner_file import ScannerFile, require_fewer
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Raster(GivenAngles):
+class Raster(LineByLine, GivenAngles):
     """Even grid of directions around the sensor's x axis, both edges of the field of view included; see `create`."""
 
     columns: int
@@ -57,24 +57,9 @@ class Raster(GivenAngles):
         )
 
     @property
-    def pulses(self) -> int:
-        """Pulses in one frame."""
-        return self.columns * self.rows
-
-    @property
     def frame_s(self) -> float:
         """Length of a frame, without a fly-back."""
         return self.pulses / self.rate_hz
-
-    @property
-    def line_pulses(self) -> int:
-        """Pulses of a row."""
-        return self.columns
-
-    def _row_and_column(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
-        ops = xp(pulse)
-        line, column = ops.divmod(pulse, self.columns)
-        return ops.divmod(line, self.rows)[1], column
 
     def _mechanism(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         ops = xp(pulse)
@@ -83,15 +68,6 @@ class Raster(GivenAngles):
         azimuth = ops.float32(self.columns - 1 - 2 * column) * (0.5 * self.azimuth_step_rad)
         elevation = ops.float32(self.rows - 1 - 2 * row) * (0.5 * self.elevation_step_rad)
         return azimuth, elevation
-
-    def channel(self, pulse: Lanes) -> Lanes:
-        """Row of each pulse, 0 at the top."""
-        return self._row_and_column(pulse)[0]
-
-    @property
-    def channel_elevation_rad(self) -> Numbers:
-        """Elevation of each row in its middle."""
-        return row_elevations(self)
 
     @property
     def clock(self) -> PulseClock:

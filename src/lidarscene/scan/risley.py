@@ -32,8 +32,7 @@ from ..files.table_model import Table
 from ..maths.arrays import Lanes, LookupTable, xp
 from ..maths.units import FileKey, Quantity, si
 from ..maths.vectors import FORWARD, Vector, reflected, refracted
-from .base import Encoder, Jitter, Mechanism
-from .clock import PulseClock
+from .base import Encoder, Jitter, SteadyPulses
 from .scanner_file import ScannerContext, ScannerFile
 from .turns import Turns
 
@@ -119,7 +118,7 @@ class TurningMirror:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Risley(Mechanism):
+class Risley(SteadyPulses):
     """Pulses at a constant rate; ``pulses`` of them are a frame, and the prisms keep turning. Made by `create`.
 
     Attributes:
@@ -128,8 +127,6 @@ class Risley(Mechanism):
         mean_share: mean share of the aperture behind the prisms
     """
 
-    pulses: int
-    rate_hz: float
     wedges: tuple[Wedge, ...]
     beams: int = 1
     beam_elevation_rad: LookupTable | None = None
@@ -173,11 +170,6 @@ class Risley(Mechanism):
         )
         mean = np.mean(scanner.aperture_share(np.arange(_PULSES_OF_MEAN, dtype=np.uint32)))
         return replace(scanner, mean_share=float(mean))
-
-    @property
-    def frame_s(self) -> float:
-        """Length of a frame."""
-        return self.pulses / self.rate_hz
 
     @property
     def _moving(self) -> list[Turns]:
@@ -242,11 +234,6 @@ class Risley(Mechanism):
             for wedge, start in zip(self.wedges, starts, strict=True)
         )
         return replace(self, first_beam=first_beam, wedges=wedges, mirror=mirror)
-
-    @property
-    def clock(self) -> PulseClock:
-        """One pulse after the other, without a pause."""
-        return PulseClock(rate_hz=self.rate_hz)
 
 
 class WedgeFile(Table[Wedge]):

@@ -226,7 +226,7 @@ def sensor_of_scene(scene: str | os.PathLike[str], *, overrides: Sequence[str] =
     if is_xml(path):
         _refuse_overrides(path, overrides)
         return Scene(name="").sensor_name
-    return _sensor_name(scene_model(path, overrides=overrides).sensor.name, path.parent)
+    return catalog.located_sensor(scene_model(path, overrides=overrides).sensor.name, path.parent)
 
 
 def files_of_scene(scene: str | os.PathLike[str], *, overrides: Sequence[str] = ()) -> Iterator[Path]:
@@ -249,7 +249,7 @@ def files_of_scene(scene: str | os.PathLike[str], *, overrides: Sequence[str] = 
     for motion in (file.ego, *(motion for body in file.bodies for motion in body.motions())):
         if motion is not None and motion.poses_file:
             yield path.parent / motion.poses_file
-    yield Path(_sensor_name(file.sensor.name, path.parent))
+    yield Path(catalog.located_sensor(file.sensor.name, path.parent))
     if file.base:
         yield from files_of_scene(path.parent / file.base)
 
@@ -305,7 +305,7 @@ def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
         air=file.air.in_si(weather=file.weather.in_si()),
         lamps_w_m2=lamps_w_m2(file.interference),
         interferers=interferers(file.interference),
-        sensor_name=_sensor_name(file.sensor.name, folder),
+        sensor_name=catalog.located_sensor(file.sensor.name, folder),
         sensor_pose=file.sensor.pose(),
         ego=ego,
         camera=file.picture.in_si() if file.picture else None,
@@ -349,11 +349,6 @@ def replaced_scene(scene: Scene, changes: Sequence[str]) -> Scene:
 def _refuse_overrides(path: Path, overrides: Sequence[str], option: str = "scene_overrides") -> None:
     if overrides:
         raise change_error(overrides[:1], f"the scene must be a TOML file, got {path}", option=option)
-
-
-def _sensor_name(name: str, folder: Path) -> str:
-    """Catalogue name unchanged; path of a sensor file relative to the scene file."""
-    return str(folder / name) if name.endswith(".toml") else name
 
 
 class _SceneMaterials:

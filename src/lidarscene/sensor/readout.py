@@ -213,6 +213,11 @@ class PublishedFile(FileModel):
                 raise ValueError(f"assumed names {key}, which has no value here")
         return self
 
+    @property
+    def daylight_klux(self) -> float:
+        """Illuminance at that range; that of bright sun where it is not published."""
+        return 100.0 if self.illuminance_klux is None else self.illuminance_klux
+
 
 def read_published(path: Path) -> PublishedFile | None:
     """[published] of a sensor file, None where it has none.

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Protocol
 
 from pydantic import Field, model_validator
 
-from ..catalog import file_or_example
+from ..catalog import file_or_example, located_sensor
 from ..errors import InputError, placed
 from ..files.arguments import checks_arguments
 from ..files.late_binding import read_by_name
@@ -144,7 +144,7 @@ def read_rig(path: Path, *, sensor: SensorLookup = load_sensor, overrides: Seque
     changes = [split_sensor(assignment, labels) for assignment in overrides]
     mounted = []
     for index, entry in enumerate(file.sensors):
-        name = str(path.parent / entry.sensor) if entry.sensor.endswith(".toml") else entry.sensor
+        name = located_sensor(entry.sensor, path.parent)
         entry_changes = [
             *located_parts(entry.set, path.parent),
             *(text for target, text in changes if target in (None, entry.label)),

@@ -147,7 +147,7 @@ def _range(sensor: Sensor, published: PublishedFile, reflectivity: float | None,
     """Compare the range under the published condition, or at 10 % and 100 klux if there is none."""
     is_given = reflectivity is not None
     share = reflectivity if reflectivity is not None else 0.1
-    klux = 100.0 if published.illuminance_klux is None else published.illuminance_klux
+    klux = published.daylight_klux
     target = Target(reflectivity=share, illuminance_klux=klux)
     limit, _ = maximum_range_m(sensor, target)
     surely, _ = detection_range_m(sensor, target, PROBABILITY)
@@ -198,7 +198,7 @@ def _fitted(name: str, sensor: Sensor) -> list[Held]:
 
 def _twice_the_range(sensor: Sensor, published: PublishedFile) -> Held:
     """P_d at twice the range under the published condition: how often a sensor finds what it should not."""
-    klux = 100.0 if published.illuminance_klux is None else published.illuminance_klux
+    klux = published.daylight_klux
     target = Target(reflectivity=published.reflectivity or 0.1, illuminance_klux=klux)
     limit, _ = maximum_range_m(sensor, target)
     has_limit = 0.0 < limit < np.inf
@@ -214,7 +214,7 @@ def _modes(name: str, sensor: Sensor, published: PublishedFile) -> list[Held]:
     modes = published.modes
     if modes is None:
         return []
-    klux = 100.0 if published.illuminance_klux is None else published.illuminance_klux
+    klux = published.daylight_klux
     pairs = np.array(list(itertools.product(MODE_REFLECTIVITIES, (klux, 0.0))))
     targets = Target(reflectivity=pairs[:, 0], illuminance_klux=pairs[:, 1])
     base_m = maximum_range_m(sensor, targets)[0]
@@ -248,7 +248,7 @@ def repeatability(sensor: Sensor, published: PublishedFile, entry: Repeatability
 
 def _false_points(sensor: Sensor, published: PublishedFile) -> Held:
     """Compare the false points of a pulse without echo, under the light of a 10 % target."""
-    klux = 100.0 if published.illuminance_klux is None else published.illuminance_klux
+    klux = published.daylight_klux
     target = Target(reflectivity=0.1, illuminance_klux=klux)
     beyond_m = float(sensor.tdc.window_s) * SPEED_OF_LIGHT_M_S
     per_pulse = statistics.false_points(sensor, target, beyond_m).per_pulse

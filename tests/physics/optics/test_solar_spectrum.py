@@ -60,7 +60,7 @@ def test_totals_of_astm_g173(name: str, w_m2: float, klux: float) -> None:
 
     The illuminance of AM1.5 global is 109.6 klx by integration with the analytic curve of V(lambda) (docs/sun.md).
     """
-    assert reference_optics.total_irradiance_w_m2(spectrum(name)) == pytest.approx(w_m2, abs=0.05)
+    assert reference_optics.total(spectrum(name)) == pytest.approx(w_m2, abs=0.05)
     assert sun.illuminance_lux(spectrum(name)) == pytest.approx(klux * 1e3, rel=1e-3)
 
 
@@ -98,7 +98,7 @@ def test_flat_spectrum(centre: float, width: float, value: float) -> None:
     box = sun.box_filter(centre_m=centre * NM, width_m=width * NM)
     assert sun.in_band_irradiance_w_m2(light, box) == pytest.approx(value * width, rel=1e-6)
     smooth = sun.gaussian_filter(centre_m=centre * NM, width_m=0.1 * width * NM)
-    expected = value * reference_optics.equivalent_width_m(smooth) / NM
+    expected = value * reference_optics.total(smooth) / NM
     assert sun.in_band_irradiance_w_m2(light, smooth) == pytest.approx(expected, rel=1e-6)
 
 
@@ -106,7 +106,7 @@ def test_gaussian_at_half_height() -> None:
     """The full width at half maximum is the width; the equivalent width is sqrt(pi / ln2) / 2 of it."""
     curve = sun.gaussian_filter(centre_m=905 * NM, width_m=40 * NM)
     np.testing.assert_allclose(curve.at(np.array([885, 905, 925]) * NM), [0.5, 1.0, 0.5], atol=2e-3)
-    assert reference_optics.equivalent_width_m(curve) == pytest.approx(40 * NM * 1.0644670, rel=1e-3)
+    assert reference_optics.total(curve) == pytest.approx(40 * NM * 1.0644670, rel=1e-3)
 
 
 def test_share_of_a_laser_that_drifts() -> None:

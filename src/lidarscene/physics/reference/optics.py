@@ -161,14 +161,9 @@ def blind_range_m(
     return ops.maximum(offset_m - aperture_radius_m - exit_radius_m, 0.0) / (field_rad + edge_rad)
 
 
-def total_irradiance_w_m2(spectrum: SpectralCurve) -> float:
-    """Irradiance over all wavelengths of the spectrum."""
-    return integral(spectrum, np.ones_like)
-
-
-def equivalent_width_m(transmittance: SpectralCurve) -> float:
-    """Width of the box filter that passes as much of a flat spectrum: the integral of the transmittance."""
-    return integral(transmittance, np.ones_like)
+def total(curve: SpectralCurve) -> float:
+    """Integral over all wavelengths: irradiance of a spectrum, or width of the box that passes as a filter does."""
+    return integral(curve, np.ones_like)
 
 
 def implied_box_width_m(spectrum: SpectralCurve, *, centre_m: float, irradiance_w_m2: float) -> float:

@@ -63,6 +63,16 @@ class GeigerDetector(Detector):
         """Cells or SPADs on the disc of the photosensitive area."""
 
     @property
+    def saturates(self) -> bool:
+        """True: each cell counts an echo only once, and their number is finite."""
+        return True
+
+    @property
+    def silicon(self) -> str:
+        """Always."""
+        return "a SiPM or SPAD is of silicon"
+
+    @property
     def fill_factor(self) -> Lanes:
         """Active share of the area; 1 where ``pde`` has it."""
         if self.cell_gap_m is None:

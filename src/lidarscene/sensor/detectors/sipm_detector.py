@@ -87,11 +87,6 @@ class Sipm(GeigerDetector):
         return self.cells
 
     @property
-    def saturates(self) -> bool:
-        """True: the number of cells is finite."""
-        return True
-
-    @property
     def counts_whole_cells(self) -> bool:
         """Whether ``counting`` is "binomial"."""
         return self.counting == "binomial"
@@ -100,11 +95,6 @@ class Sipm(GeigerDetector):
     def noise_bandwidth_hz(self) -> Lanes:
         """Cells are as long as their dead time, and so is the noise of their number."""
         return 0.5 / self.dead_time_s
-
-    @property
-    def silicon(self) -> str:
-        """Always."""
-        return "a SiPM or SPAD is of silicon"
 
     def background_counts(self, background_power_w: Lanes, reception: Reception) -> tuple[Lanes, Lanes]:
         """Cells that fire per second, light and dark, and the factor by which the dead time narrows their noise."""

@@ -59,16 +59,6 @@ class SpadArray(GeigerDetector):
         return self.spads
 
     @property
-    def saturates(self) -> bool:
-        """True: a SPAD counts each echo only once, so strong ones lose their height."""
-        return True
-
-    @property
     def fires_once(self) -> bool:
         """True if a SPAD fires once in a shot."""
         return self.stamps == "first"
-
-    @property
-    def silicon(self) -> str:
-        """Always."""
-        return "a SiPM or SPAD is of silicon"

@@ -44,18 +44,7 @@ def rate_rows(observations: Sequence[Observation], grouping: Grouping) -> list[t
                 if grouping.edges is not None:
                     ends = tuple(float(end) for end in grouping.labels[number].split(" to "))
                 expected = "" if group_rate.expected is None else group_rate.expected
-                rows.append(
-                    (
-                        observation.name,
-                        group_rate.group,
-                        *ends,
-                        group_rate.surfaces,
-                        group_rate.found,
-                        group_rate.rate,
-                        *group_rate.interval,
-                        expected,
-                    )
-                )
+                rows.append((observation.name, group_rate.group, *ends, *group_rate.cells, expected))
     return rows
 
 
@@ -124,15 +113,7 @@ def _rate_series(name: str, points: Sequence[tuple[float, DetectionRate]]) -> Se
 def error_rows(observations: Sequence[Observation], grouping: Grouping) -> list[tuple[Any, ...]]:
     """CSV rows of the range errors by sensor and bin."""
     return [
-        (
-            observation.name,
-            error.group,
-            error.points,
-            error.bias_m,
-            error.bias_interval_m,
-            error.sigma_m,
-            error.sigma_interval_m,
-        )
+        (observation.name, *(getattr(error, name) for name in ERROR_HEADER[1:]))
         for observation in observations
         for error in range_errors(observation, grouping)
     ]
@@ -215,19 +196,8 @@ def illuminance_figure(sweep: IlluminanceSweep) -> Figure:
         lines.append(charts.Line(label=name, x=x, y=100.0 * np.array([computed[lux] for lux in x]), colour=number))
         for step in course:
             sigma = "" if step.sigma_m is None else step.sigma_m
-            rows.append(
-                (
-                    name,
-                    step.illuminance_klux,
-                    step.rate.surfaces,
-                    step.rate.found,
-                    step.rate.rate,
-                    *step.rate.interval,
-                    step.rate.expected,
-                    step.false_alarms,
-                    sigma,
-                )
-            )
+            expected = step.rate.expected
+            rows.append((name, step.illuminance_klux, *step.rate.cells, expected, step.false_alarms, sigma))
     marks = tuple(
         charts.Mark(
             x=crossing.illuminance_klux, y=100.0 * crossing.expected, text=f"{crossing.illuminance_klux:.3g} klux"
@@ -247,16 +217,5 @@ def illuminance_figure(sweep: IlluminanceSweep) -> Figure:
         "Mean of the computed detection probabilities over the illuminance of the scene. A mark shows where the "
         "ranking of the first sensor and another flips, found by bisection with a trace of the scene in each step."
     )
-    header = (
-        "sensor",
-        "illuminance_klux",
-        "surfaces",
-        "found",
-        "rate",
-        "rate_low",
-        "rate_high",
-        "expected",
-        "false_alarms",
-        "sigma_m",
-    )
+    header = ("sensor", "illuminance_klux", *RATE_HEADER[4:], "false_alarms", "sigma_m")
     return Figure("illuminance", lambda path: charts.save(chart, [path]), (header, rows), caption)

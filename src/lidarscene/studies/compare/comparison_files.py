@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, astuple
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -148,18 +148,8 @@ def _add_pairs(page: Report, comparison: Comparison, file_slugs: Sequence[str]) 
         for group in (None, *comparison.groups):
             for pair in count_pairs(a.rated_surfaces, b.rated_surfaces, group):
                 if pair.pulses:
-                    rows.append(
-                        (
-                            group.key if group else "all",
-                            pair.group,
-                            pair.both,
-                            pair.only_a,
-                            pair.only_b,
-                            pair.neither,
-                            pair.difference,
-                            *pair.difference_interval,
-                        )
-                    )
+                    key = group.key if group else "all"
+                    rows.append((key, *astuple(pair), pair.difference, *pair.difference_interval))
         page.add_data(f"pairs-{slug}", (_PAIR_HEADER, rows))
 
 

@@ -51,6 +51,11 @@ class DetectionRate:
         """95 % interval of the rate (Wilson)."""
         return wilson_interval(self.found, self.surfaces)
 
+    @property
+    def cells(self) -> tuple[float, ...]:
+        """Numbers of a row of data: surfaces, found, the rate and its interval."""
+        return self.surfaces, self.found, self.rate, *self.interval
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RangeError:
