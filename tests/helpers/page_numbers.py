@@ -68,7 +68,7 @@ from lidarscene.scene.weather import Weather
 from lidarscene.sensor.sensor_model import PULSE_BANDWIDTH, Sensor
 from lidarscene.studies import published_values
 from lidarscene.studies.eye_safety.eye_safety_report import eye_safety_report
-from lidarscene.studies.fit import recorded_pulses
+from lidarscene.studies.fit import noise_photons, recorded_pulses
 from lidarscene.studies.fit import tuning as fit_tuning
 from lidarscene.studies.fit.on_scene import pulses_on_scene
 from lidarscene.studies.held import LIMITS, Held

@@ -177,7 +177,7 @@ def test_held_out_patches_are_judged_by_the_law_of_the_others() -> None:
     inside = 1.0 - np.exp(-0.75)
     mean = (2.0 - (2.0 + 1.5) * np.exp(-0.75)) / inside
     np.testing.assert_allclose(
-        fit.held_out[:, 1] / fit.law(fit.held_out[:, 0]), 2.0 * np.sqrt(mean / scatter._MEAN_BELOW), rtol=0.08
+        fit.held_out[:, 1] / fit.law(fit.held_out[:, 0]), 2.0 * np.sqrt(mean / scatter.MEAN_BELOW), rtol=0.08
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from typing import Protocol
 
 import numpy as np
@@ -10,8 +11,9 @@ import numpy as np
 from ...errors import OptionWarning, warn
 from ...maths.arrays import Numbers
 from ...scan.spinning import Spinning
+from ...sensor.sensor_model import Sensor
 from .firings import Firings
-from .layouts import Packet
+from .layouts import DUAL, FULL_TURN, LAST, POINT, STRONGEST, Packet
 
 
 class PacketEncoder(Protocol):
@@ -34,6 +36,61 @@ class PacketEncoder(Protocol):
 
     def flush(self) -> list[Packet]:
         """Packets still buffered after the last frame."""
+
+
+class BlockEncoder(ABC):
+    """Packets of blocks with the last and the strongest return; firings that do not fill one wait for the next frame.
+
+    Args:
+        firings: of a packet with one return, and with two
+        step_m: of the distances
+    """
+
+    needs_ambient = False
+    description = None
+
+    def __init__(self, sensor: Sensor, *, firings: tuple[int, int], step_m: float) -> None:
+        assert isinstance(sensor.scanner, Spinning)
+        self._scanner: Spinning = sensor.scanner
+        self._dual = sensor.tdc.stops > 1
+        self._mode = DUAL if self._dual else LAST if sensor.tdc.keep == "last" else STRONGEST
+        self._firings, self._step_m = firings[self._dual], step_m
+        points = ("points", POINT, (2, self._scanner.lasers))
+        self._waiting = np.zeros(0, np.dtype([("number", "i8"), ("time_s", "f8"), points]))
+
+    @abstractmethod
+    def _encode(self, rows: Numbers) -> list[Packet]:
+        """Encode (packets, firings) rows: number, time, and points of the last and the strongest return."""
+
+    def packets(self, frame: Firings) -> list[Packet]:
+        """Packets that are full when the frame ends."""
+        rows = np.concatenate([self._waiting, self._rows(frame)])
+        full_rows = len(rows) // self._firings * self._firings
+        self._waiting = rows[full_rows:]
+        return self._encode(rows[:full_rows].reshape(-1, self._firings))
+
+    def flush(self) -> list[Packet]:
+        """Last packet, filled up with firings without any return."""
+        rows, self._waiting = self._waiting, self._waiting[:0]
+        if not len(rows):
+            return []
+        following = np.arange(1, self._firings - len(rows) + 1)
+        filler = np.zeros(len(following), rows.dtype)
+        filler["time_s"] = rows["time_s"][-1] + following * self._scanner.cycle_s
+        filler["number"] = rows["number"][-1] + following
+        return self._encode(np.concatenate([rows, filler]).reshape(1, -1))
+
+    def _rows(self, frame: Firings) -> Numbers:
+        rows = np.zeros(len(frame), self._waiting.dtype)
+        rows["number"], rows["time_s"] = frame.number + np.arange(len(frame)), frame.time_s
+        for name, values in last_and_strongest(frame, step_m=self._step_m, two_returns=self._dual).items():
+            rows["points"][name] = values
+        return rows
+
+    def _azimuth(self, number: Numbers, later_deg: float = 0.0) -> Numbers:
+        """Hundredths of a degree, clockwise from x, of the head so much after the start of these firings."""
+        turned_deg = later_deg - head_deg(self._scanner, number.ravel()).reshape(number.shape)
+        return np.rint(100.0 * turned_deg).astype(np.int64) % FULL_TURN
 
 
 def head_deg(scanner: Spinning, number: Numbers) -> Numbers:

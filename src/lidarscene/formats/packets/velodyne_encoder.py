@@ -16,21 +16,8 @@ import numpy as np
 from ...maths.arrays import Numbers
 from ...scan.spinning import Spinning
 from ...sensor.sensor_model import Sensor
-from .firings import Firings
-from .layouts import (
-    DUAL,
-    FULL_TURN,
-    LAST,
-    POINT,
-    STRONGEST,
-    VELODYNE_BANKS,
-    VELODYNE_EMPTY,
-    VELODYNE_PACKET,
-    VELODYNE_POINTS,
-    VELODYNE_PORT,
-    Packet,
-)
-from .packet_encoder import head_deg, last_and_strongest
+from .layouts import VELODYNE_BANKS, VELODYNE_EMPTY, VELODYNE_PACKET, VELODYNE_POINTS, VELODYNE_PORT, Packet
+from .packet_encoder import BlockEncoder
 
 HOUR_US = 3_600_000_000
 
@@ -91,73 +78,29 @@ MODELS = (
 )
 
 
-class VelodyneEncoder:
-    """Packets of frame after frame; firings that do not fill a packet wait for the next frame."""
+class VelodyneEncoder(BlockEncoder):
+    """Packets of one of Velodyne's sensors, frame after frame."""
 
     port = VELODYNE_PORT
-    needs_ambient = False
-    description = None
 
     def __init__(self, sensor: Sensor, model: Model) -> None:
-        assert isinstance(sensor.scanner, Spinning)
-        self._scanner: Spinning = sensor.scanner
-        self._model, self._dual = model, sensor.tdc.stops > 1
-        self._mode = DUAL if self._dual else LAST if sensor.tdc.keep == "last" else STRONGEST
-        self._waiting: list[Numbers] = []
-
-    def packets(self, frame: Firings) -> list[Packet]:
-        """Packets that are full when the frame ends."""
-        rows = np.concatenate([*self._waiting, self._rows(frame)])
-        size = self._model.firings[self._dual]
-        full_rows = len(rows) // size * size
-        self._waiting = [rows[full_rows:]]
-        return self._encode(rows[:full_rows].reshape(-1, size))
-
-    def flush(self) -> list[Packet]:
-        """Last packet, filled up with firings without any return."""
-        rows = np.concatenate([*self._waiting, self._no_rows()])
-        size = self._model.firings[self._dual]
-        if not len(rows):
-            return []
-        following = np.arange(1, size - len(rows) + 1)
-        filler = np.zeros(len(following), rows.dtype)
-        filler["time_s"] = rows["time_s"][-1] + following * self._scanner.cycle_s
-        filler["azimuth"] = self._azimuth(rows["number"][-1] + following)
-        self._waiting = []
-        return self._encode(np.concatenate([rows, filler]).reshape(1, size))
-
-    def _no_rows(self) -> Numbers:
-        scalars = [("number", "i8"), ("time_s", "f8"), ("azimuth", "<u2")]
-        return np.zeros(0, np.dtype([*scalars, ("points", POINT, (2, self._model.lasers))]))
-
-    def _rows(self, frame: Firings) -> Numbers:
-        """Row for each firing: number, time, azimuth, and points of the last and the strongest return."""
-        rows = np.zeros(len(frame), self._no_rows().dtype)
-        rows["number"] = frame.number + np.arange(len(frame))
-        rows["time_s"] = frame.time_s
-        rows["azimuth"] = self._azimuth(rows["number"])
-        for name, values in last_and_strongest(frame, step_m=self._model.step_m, two_returns=self._dual).items():
-            rows["points"][name] = values
-        return rows
-
-    def _azimuth(self, number: Numbers) -> Numbers:
-        """(n,) hundredths of a degree, clockwise from x, at the start of each firing."""
-        return np.rint(-100.0 * head_deg(self._scanner, number)).astype(np.int64) % FULL_TURN
+        super().__init__(sensor, firings=model.firings, step_m=model.step_m)
+        self._model = model
 
     def _encode(self, rows: Numbers) -> list[Packet]:
-        """Encode (packets, firings) rows."""
         model, lasers = self._model, self._model.lasers
         payloads = np.zeros(len(rows), VELODYNE_PACKET)
         returns = 2 if self._dual else 1
         firings = rows.shape[1]
         blocks = firings * lasers // VELODYNE_POINTS
+        azimuth = self._azimuth(rows["number"])
         for return_index in range(returns):
             # Blocks of 32 lasers: two firings of a VLP-16, a quarter of one of a VLS-128.
             points = rows["points"][:, :, return_index].reshape(len(rows), blocks, VELODYNE_POINTS)
             return_blocks = payloads["blocks"][:, return_index : blocks * returns : returns]
             return_blocks["points"] = points
             first = np.arange(blocks) * VELODYNE_POINTS // lasers
-            return_blocks["azimuth"] = rows["azimuth"][:, first]
+            return_blocks["azimuth"] = azimuth[:, first]
             return_blocks["bank"] = [
                 VELODYNE_BANKS[block * VELODYNE_POINTS % lasers // VELODYNE_POINTS] for block in range(blocks)
             ]

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -92,6 +92,11 @@ class Solution:
     held_covariance: Numbers | None = None
     misfit: float = 1.0
     at_limit: bool = False
+
+    def wider(self, covariance: Numbers) -> Solution:
+        """Add (p, p) covariance that no block has."""
+        held = covariance if self.held_covariance is None else self.held_covariance + covariance
+        return replace(self, held_covariance=held)
 
     @property
     def covariance(self) -> Numbers:

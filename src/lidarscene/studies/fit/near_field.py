@@ -25,7 +25,8 @@ from ...sensor.overlap import Alignment
 from ...sensor.sensor_model import Sensor
 from .binned_fit import Prior, Statistics, misfit_beyond, solve
 from .estimates import Estimate, Solution, exponential
-from .products import near_field_m, white_over_range_m2
+from .noise_photons import SIGNAL_ERROR, noise_bins
+from .products import at_pulses, near_field_m, white_over_range_m2
 from .recorded_pulses import RecordedPulses
 from .tuning import (
     CURVE_STEP,
@@ -40,6 +41,7 @@ from .tuning import (
     LENS_SIGMAS,
     LOG_RANGE_STEP,
     LONGEST_STRETCH,
+    MOST_CHECK_SIGMA,
     MOST_REFLECTIVITY,
     OUTLIER,
     SAME_LAW,
@@ -103,8 +105,10 @@ class NearField:
         """Mean absolute error of the law on the held-out blocks, relative to the recorded values."""
         return float(np.mean(np.abs(self.law(self.check_range_m) / self.check_white_m2 - 1.0)))
 
-    def error_of(self, sensor: Sensor) -> float:
-        """The same of a sensor's photons."""
+    def error_of(self, sensor: Sensor) -> float | None:
+        """The same of a sensor's photons; None: no held-out bin is certain enough to judge."""
+        if not len(self.check_range_m):
+            return None
         photons_m2 = white_over_range_m2(sensor, self.check_range_m)
         return float(np.mean(np.abs(photons_m2 / self.check_white_m2 - 1.0)))
 
@@ -205,14 +209,16 @@ def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> Near
     """Fit the near field to a recording; None if SIGNAL or REFLECTIVITY is missing, or too few ranges.
 
     Args:
-        sensor: sensor whose own curve is stretched, unless it has one lens; None: law of one lens
+        sensor: sensor whose own curve is stretched, unless it has one lens; None: law of one lens. Without SIGNAL the
+            noise of REFLECTIVITY tells the photons of one that counts them (`noise_photons`)
     """
-    if pulses.signal is None or pulses.reflectivity is None:
+    if pulses.reflectivity is None or (pulses.signal is None and (sensor is None or sensor.histogram is None)):
         return None
-    fitted, check = (_bins(pulses.select_columns(mask)) for mask in (pulses.fitted, ~pulses.fitted))
+    fitted, check = (_bins(pulses.select_columns(mask), sensor) for mask in (pulses.fitted, ~pulses.fitted))
     if fitted is None or check is None:
         return None
     (x, binned), y = fitted, fitted[1].value
+    judging = check[1].sigma < MOST_CHECK_SIGMA
     # Start: the plateau from the highest third of the bins, the knee where the share has fallen to one half.
     plateau = float(np.median(np.sort(y)[-max(len(y) // 3, 3) :]))
     sensor_curve = None if sensor is None else own_curve(sensor)
@@ -234,11 +240,15 @@ def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> Near
             sigma=binned.sigma,
             sensor_curve=curve,
             solved=solved,
-            check_range_m=np.exp(check[0]),
-            check_white_m2=np.exp(check[1].value),
+            check_range_m=np.exp(check[0][judging]),
+            check_white_m2=np.exp(check[1].value[judging]),
         )
 
     stretched = near_field(sensor_curve, start, bounds, Prior(start, np.full_like(start, np.inf), FIRST_MISFIT))
+    if pulses.signal is None:
+        error = np.zeros_like(stretched.solved.slope)
+        error[0, 0] = SIGNAL_ERROR**2
+        return replace(stretched, solved=stretched.solved.wider(error))
     if sensor is None or sensor_curve is None or stretched.misfit < LEAST_MISFIT:
         return stretched
     lens_curve, lens_bounds = LensCurve(sensor), np.array(LENS_BOUNDS).T
@@ -248,12 +258,19 @@ def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> Near
     return free if free.error < (1.0 - LEAST_GAIN) * stretched.error else stretched
 
 
-def _bins(pulses: RecordedPulses) -> tuple[Numbers, Statistics] | None:
-    """Bin pulses by ln R: (bins,) its mean, and the means of ln white_m2; None of too few."""
+def _bins(pulses: RecordedPulses, sensor: Sensor | None) -> tuple[Numbers, Statistics] | None:
+    """Bin pulses by ln R: (bins,) its mean, and the means of ln white_m2; None of too few.
+
+    Args:
+        sensor: whose curve weighs the noise of REFLECTIVITY, if SIGNAL is not recorded
+    """
     from scipy import ndimage
 
-    assert pulses.signal is not None
     assert pulses.reflectivity is not None
+    if pulses.signal is None:
+        assert sensor is not None
+        binned = noise_bins(pulses, at_pulses(partial(white_over_range_m2, sensor), pulses.range_m))
+        return binned if binned is not None and len(binned[0]) >= LEAST_BINS else None
     mask = pulses.has_return & (pulses.signal >= LEAST_SIGNAL)
     mask &= (pulses.reflectivity >= LEAST_REFLECTIVITY) & (pulses.reflectivity < MOST_REFLECTIVITY)
     if mask.sum() < LEAST_PULSES:

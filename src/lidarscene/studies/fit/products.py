@@ -24,6 +24,9 @@ from .tuning import FAR_RATIO, LEAST_EXPONENT
 REFLECTIVITY = "reflectivity of all targets"
 """Name of the reflectivities' common scale, which is the maker's and multiplies the power."""
 
+LAW_RANGES = 200
+"""Ranges at which a law is computed for many pulses: it is smooth."""
+
 
 def width_of_place(sigma_s: Lanes, bin_s: Lanes) -> Lanes:
     """Width, in sigmas of the echo, of the filter by which the peak's place scatters.
@@ -59,6 +62,16 @@ def white_over_range_m2(sensor: Sensor, range_m: Numbers) -> Numbers:
     light = echoes_of_plane(sensor, Target(reflectivity=dim, illuminance_klux=0.0), range_m)
     photons = sensor.working_point(light.background_power_w).response.signal(light.peak_power_w)
     return np.asarray(photons * np.ones_like(range_m) * range_m**2 / dim)
+
+
+def at_pulses(law: Callable[[Numbers], Numbers], range_m: Numbers) -> Numbers:
+    """Evaluate a smooth law of the range at each pulse's, of any shape; NaN without one."""
+    known = np.isfinite(range_m)
+    values = np.full(range_m.shape, np.nan)
+    if known.any():
+        grid_m = np.geomspace(range_m[known].min(), range_m[known].max() + 1e-3, LAW_RANGES)
+        values[known] = np.interp(range_m[known], grid_m, law(grid_m))
+    return values
 
 
 def near_field_m(sensor: Sensor) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ from .estimates import Estimate, Solution
 from .fit_report import FITTED, FitReport, law_figure, law_rows, share_figure
 from .near_field import LENSES, NearField, fit_near_field
 from .pixels_at_rest import pixels_at_rest
-from .products import QUANTITIES, Products, find_products, white_over_range_m2
+from .products import QUANTITIES, Products, at_pulses, find_products, white_over_range_m2
 from .recorded_pulses import RecordedPulses, gather_pulses
 from .row_gains import RowGains, fit_rows
 from .scatter import Scatter, fit_scatter
@@ -38,8 +39,8 @@ from .threshold_ends import fit_least, fit_lone_factor
 from .tuning import MOST_REFLECTIVITY
 
 REFLECTIVITY_NOTE = (
-    "SIGNAL is not recorded: the photons of the scatter are REFLECTIVITY by the file's own power and optics, and only "
-    "scatter_c squared over the power is known"
+    "SIGNAL is not recorded: photons are REFLECTIVITY by the power and optics that its noise tells; if it tells none, "
+    "by the file's, and then only scatter_c squared over the power is known"
 )
 
 SCALE_NOTE = (
@@ -49,9 +50,6 @@ SCALE_NOTE = (
 
 LEAST_JUDGED = 50
 """Least number of patches in an octave whose scatter is held to limits: three of its sigmas from 1 (`scatter`)."""
-
-PHOTON_RANGES = 200
-"""Ranges at which the photons of a white surface are computed: the curve is smooth."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -249,10 +247,12 @@ def fit_pulses(
     Raises:
         ValueError: if none can be fitted
     """
+    near_field = fit_near_field(pulses, sensor)
+    counted = pulses if sensor is None else with_photons(pulses, sensor, near_field)
     fit = RecordingFit(
-        near_field=fit_near_field(pulses, sensor),
+        near_field=near_field,
         threshold=fit_threshold(pulses),
-        scatter=fit_scatter(pulses) if sensor is None else fit_scatter(with_photons(pulses, sensor), sensor.histogram),
+        scatter=fit_scatter(counted, None if sensor is None else sensor.histogram),
         rows=fit_rows(pulses),
         at_rest=at_rest,
     )
@@ -270,23 +270,17 @@ def fit_pulses(
     return replace(fit, products=find_products(sensor, known_keys) if known_keys else None)
 
 
-def with_photons(pulses: RecordedPulses, sensor: Sensor) -> RecordedPulses:
-    """Pulses with SIGNAL: where it is not recorded, the photons of REFLECTIVITY by the sensor's own link budget.
+def with_photons(pulses: RecordedPulses, sensor: Sensor, near_field: NearField | None = None) -> RecordedPulses:
+    """Pulses with SIGNAL: where it is not recorded, the photons of REFLECTIVITY by a near field, or the sensor's own.
 
     That is REFLECTIVITY / 100 of a white surface at the pulse's range, up to white; lost pulses have none. Unchanged
     without REFLECTIVITY, or of a sensor that counts no photons.
     """
     if pulses.signal is not None or pulses.reflectivity is None or sensor.histogram is None:
         return pulses
-    measured = pulses.has_return & (pulses.reflectivity <= MOST_REFLECTIVITY)
-    if not measured.any():
-        return pulses
-    range_m = pulses.range_m[measured]
-    grid_m = np.geomspace(range_m.min(), range_m.max() + 1e-3, PHOTON_RANGES)
-    white_m2 = np.interp(range_m, grid_m, white_over_range_m2(sensor, grid_m))
-    signal = np.full(pulses.range_m.shape, np.nan)
-    signal[measured] = pulses.reflectivity[measured] / MOST_REFLECTIVITY * white_m2 / range_m**2
-    return replace(pulses, signal=signal)
+    measured_m = np.where(pulses.reflectivity <= MOST_REFLECTIVITY, pulses.range_m, np.nan)
+    law = partial(white_over_range_m2, sensor) if near_field is None else near_field.law
+    return replace(pulses, signal=pulses.reflectivity / MOST_REFLECTIVITY * at_pulses(law, measured_m) / measured_m**2)
 
 
 def _threshold_ends(pulses: RecordedPulses, threshold: Threshold, sensor: Sensor) -> tuple[Estimate, ...]:

@@ -37,7 +37,7 @@ WIDE_STEP = 6
 WIDE = np.array([-1.0, 3.0, -3.0, 1.0]) / math.sqrt(20.0)
 """Third difference of four pulses, 0 on parabolas, with the deviation of one pulse."""
 
-_MEDIAN_ONE, _MEDIAN_TWO = 0.45494, 2.0 * math.log(2.0)
+_MEDIAN_ONE, MEDIAN_TWO = 0.45494, 2.0 * math.log(2.0)
 """Medians of chi^2 with one and two degrees of freedom."""
 
 _MEDIAN_VARIANCE_ONE, _MEDIAN_VARIANCE_TWO = 8.0, 2.1
@@ -45,7 +45,7 @@ _MEDIAN_VARIANCE_ONE, _MEDIAN_VARIANCE_TWO = 8.0, 2.1
 which is 5.4 and 2.1. Neighbouring third differences of a block are correlated by up to 0.6, which makes 5.4 some 8."""
 
 _SHARE_BELOW = 1.0 - math.exp(-0.5 * PATCH_SQUARE)
-_MEAN_BELOW = (2.0 - (2.0 + PATCH_SQUARE) * math.exp(-0.5 * PATCH_SQUARE)) / _SHARE_BELOW
+MEAN_BELOW = (2.0 - (2.0 + PATCH_SQUARE) * math.exp(-0.5 * PATCH_SQUARE)) / _SHARE_BELOW
 """Mean of chi^2 with two degrees of freedom, given that it is below `PATCH_SQUARE`."""
 
 
@@ -91,8 +91,6 @@ def fit_scatter(pulses: RecordedPulses, histogram: Histogram | None = None) -> S
     Args:
         histogram: of the sensor file that the fit starts from; None: no columns share more of weak returns
     """
-    from scipy.optimize import nnls
-
     if pulses.signal is None:
         return None
     squares, inverse, block = _patches(pulses.select_columns(pulses.fitted), histogram)
@@ -100,64 +98,93 @@ def fit_scatter(pulses: RecordedPulses, histogram: Histogram | None = None) -> S
         return None
     correlation, relative_variance = _correlation(pulses, squares / inverse, histogram)
     squares = squares * correlation
+    solved = solve_squares(squares, inverse, block)
+    if solved is None:
+        return None
+    held_out_squares, held_out_inverse, _ = _patches(pulses.select_columns(~pulses.fitted), histogram)
+    return Scatter(
+        solved=solved.wider(relative_variance * np.outer(solved.value, solved.value)),
+        fitted=_octaves(squares, inverse, solved.value),
+        held_out=_octaves(held_out_squares * correlation, held_out_inverse, solved.value),
+        correlation=correlation,
+    )
+
+
+def solve_squares(squares: Numbers, inverse: Numbers, block: Numbers, known: Numbers | float = 0.0) -> Solution | None:
+    """Fit the variance a / photons + b + ``known`` to sums of squares of patches, (n,); None with too few.
+
+    Args:
+        inverse: (n,) mean of 1 / photons
+        block: (n,) block of each patch
+        known: (n,) part of the variance that is not fitted
+    """
+    from scipy.optimize import nnls
+
     value = _start(squares, inverse)
     law = np.column_stack([inverse, np.ones_like(inverse)])
     inlier = np.ones(len(squares), bool)
     for _ in range(200):
-        variance = law @ value
+        variance = law @ value + known
         inlier = squares < PATCH_SQUARE * variance
         if inlier.sum() < LEAST_PATCHES // 4:
             return None
         # The squares are exponentially distributed with mean ``law @ value`` times the truncated mean: iteratively
         # reweighted least squares with weights 1 / variance^2 solve their likelihood; neither part is negative.
         scale = 1.0 / variance[inlier]
-        solution = nnls(law[inlier] * scale[:, None], squares[inlier] / _MEAN_BELOW * scale)[0]
+        solution = nnls(law[inlier] * scale[:, None], (squares / MEAN_BELOW - known)[inlier] * scale)[0]
         converged = np.abs(solution - value).max() <= 1e-7 * np.abs(value).max()
         value = solution
         if converged:
             break
-    variance = law @ value
+    variance = law @ value + known
     inlier = squares < PATCH_SQUARE * variance
-    patch_scores = np.where(inlier, squares / _MEAN_BELOW - variance, 0.0)[:, None] * law / variance[:, None] ** 2
+    patch_scores = np.where(inlier, squares / MEAN_BELOW - variance, 0.0)[:, None] * law / variance[:, None] ** 2
     # Slope of the sum of the scores: the cut at PATCH_SQUARE moves with the law, which takes off the share ``edge``.
-    edge = 0.5 * math.exp(-0.5 * PATCH_SQUARE) * PATCH_SQUARE * (PATCH_SQUARE / _MEAN_BELOW - 1.0) / _SHARE_BELOW
+    edge = 0.5 * math.exp(-0.5 * PATCH_SQUARE) * PATCH_SQUARE * (PATCH_SQUARE / MEAN_BELOW - 1.0) / _SHARE_BELOW
     relative = law[inlier] / variance[inlier, None]
     fisher = relative.T @ relative
-    spread = float(np.var(squares[inlier] / variance[inlier] / _MEAN_BELOW))
-    excess = squares[inlier] / variance[inlier] / _MEAN_BELOW - 1.0
+    spread = float(np.var(squares[inlier] / variance[inlier] / MEAN_BELOW))
+    if not spread > 0.0:
+        return None
+    excess = squares[inlier] / variance[inlier] / MEAN_BELOW - 1.0
     deviations = _deviations(excess / math.sqrt(spread), inverse[inlier])
-    solved = Solution(
+    return Solution(
         value=value,
         slope=(1.0 - edge) * fisher,
         scores=block_sums(patch_scores, block),
         meat=spread * fisher,
-        held_covariance=relative_variance * np.outer(value, value) if relative_variance else None,
         misfit=misfit_factor(deviations, int(np.count_nonzero(value))),
-    )
-    held_out_squares, held_out_inverse, _ = _patches(pulses.select_columns(~pulses.fitted), histogram)
-    return Scatter(
-        solved=solved,
-        fitted=_octaves(squares, inverse, value),
-        held_out=_octaves(held_out_squares * correlation, held_out_inverse, value),
-        correlation=correlation,
     )
 
 
 def _patches(pulses: RecordedPulses, histogram: Histogram | None = None) -> tuple[Numbers, Numbers, Numbers]:
     """Sum of squared residuals [m2], mean of 1 / SIGNAL and block index of each patch on a smooth surface."""
-    reach = PATCH * COLUMN_STEP
-    starts = np.arange(0, pulses.range_m.shape[1] - reach + 1, reach)[:, None]
-    columns = np.concatenate([starts + first + COLUMN_STEP * np.arange(PATCH) for first in range(COLUMN_STEP)])
-    block = pulses.block[columns]
-    in_one_block = (block.max(axis=1) == block.min(axis=1)) & (np.ptp(columns, axis=1) == reach - COLUMN_STEP)
+    columns = patch_columns(pulses.block, COLUMN_STEP)
     range_m, inverse, valid, strong = _windows(pulses, columns, histogram)
-    valid, strong = valid & in_one_block, strong & in_one_block
+    squares = squared_rest(range_m, valid)
+    _, smooth = smoothest(np.where(valid, squares, np.inf) / inverse, strong)
+    return squares[smooth], inverse[smooth], blocks_of_patches(pulses, columns, smooth)
+
+
+def patch_columns(block: Numbers, step: int) -> Numbers:
+    """(k, `PATCH`) columns of patches in one block each, so many columns from one pulse to the next."""
+    starts = np.arange(0, len(block) - PATCH * step + 1, PATCH * step)[:, None]
+    columns = np.concatenate([starts + first + step * np.arange(PATCH) for first in range(step)])
+    return np.asarray(columns[np.ptp(block[columns], axis=1) == 0])
+
+
+def squared_rest(values: Numbers, valid: Numbers) -> Numbers:
+    """(rows, k) sums of squares that parabolas leave of patches, (rows, k, `PATCH`); 0 of invalid ones."""
     basis = np.linalg.qr(np.vander(np.arange(PATCH), 3))[0]  # orthonormal basis of the parabolas over a patch
-    filled_range_m = np.where(valid[..., None], range_m, 0.0)
-    squares = np.sum((filled_range_m - (filled_range_m @ basis) @ basis.T) ** 2, axis=2)
-    _, smooth = _smoothest(np.where(valid, squares, np.inf) / inverse, strong)
-    block_index = np.unique(np.broadcast_to(block[:, 0], valid.shape)[smooth], return_inverse=True)[1]
-    return squares[smooth], inverse[smooth], block_index
+    filled = np.where(valid[..., None], values, 0.0)
+    return np.asarray(np.sum((filled - (filled @ basis) @ basis.T) ** 2, axis=2))
+
+
+def blocks_of_patches(pulses: RecordedPulses, columns: Numbers, chosen: Numbers) -> Numbers:
+    """Block index of each of the chosen patches, counted from 0 without gaps."""
+    return np.asarray(
+        np.unique(np.broadcast_to(pulses.block[columns[:, 0]], chosen.shape)[chosen], return_inverse=True)[1]
+    )
 
 
 def _windows(
@@ -175,7 +202,7 @@ def _windows(
         return range_m, np.where(valid, inverse, 1.0), valid, valid & is_strong(1.0 / inverse, histogram)
 
 
-def _smoothest(relative: Numbers, usable: Numbers) -> tuple[Numbers, Numbers]:
+def smoothest(relative: Numbers, usable: Numbers) -> tuple[Numbers, Numbers]:
     """Mask of windows with one above and below that has a scatter, and of those whose neighbours scatter least."""
     neighbours = np.full_like(relative, np.inf)
     neighbours[1:-1] = np.maximum(relative[:-2], relative[2:])
@@ -198,10 +225,10 @@ def _correlation(pulses: RecordedPulses, relative: Numbers, histogram: Histogram
     columns = columns[np.ptp(pulses.block[columns], axis=1) == 0]  # a block has no gap but of lost columns
     range_m, inverse, _, strong = _windows(pulses, columns, histogram)
     wide = np.where(strong, (range_m @ WIDE) ** 2 / inverse, np.inf)
-    usable, smooth = _smoothest(wide, strong)
+    usable, smooth = smoothest(wide, strong)
     if usable.sum() < LEAST_PATCHES:
         return 1.0, 0.0
-    factor = float(np.median(wide[smooth]) / _MEDIAN_ONE * _MEDIAN_TWO / np.median(relative))
+    factor = float(np.median(wide[smooth]) / _MEDIAN_ONE * MEDIAN_TWO / np.median(relative))
     variance = _MEDIAN_VARIANCE_ONE / int(smooth.sum()) + _MEDIAN_VARIANCE_TWO / len(relative)
     return (factor, variance) if factor > 0.0 and math.log(factor) > 2.0 * math.sqrt(variance) else (1.0, 0.0)
 
@@ -230,5 +257,5 @@ def _octaves(squares: Numbers, inverse: Numbers, value: Numbers) -> Numbers:
     for number in np.unique(octave):
         of_octave = squares[inlier][octave == number]
         if len(of_octave) >= LEAST_OF_OCTAVE:
-            rows.append((2.0 ** (number + 0.5), math.sqrt(float(of_octave.mean()) / _MEAN_BELOW), len(of_octave)))
+            rows.append((2.0 ** (number + 0.5), math.sqrt(float(of_octave.mean()) / MEAN_BELOW), len(of_octave)))
     return np.array(rows).reshape(-1, 3)

@@ -49,6 +49,10 @@ LEAST_SIGNAL = 12.0
 LOG_RANGE_STEP = 0.03
 """Choice: width of a bin in ln R."""
 
+MOST_CHECK_SIGMA = 0.1
+"""Choice: largest relative standard deviation of a held-out bin that judges the fit: two thirds of the limit. Noise of
+REFLECTIVITY tells few bins so well."""
+
 OUTLIER = 0.5
 """Choice: distance of ln white_m2 from the median of its bin beyond which the light is not only the return's."""
 
@@ -134,6 +138,14 @@ PATCH_SIGNAL_RATIO = 2.0
 
 PATCH_SQUARE = 6.0
 """Choice: sum of squares over sigma^2 above which a patch is left out: exp(-3) = 5 % of clean ones."""
+
+# noise_photons
+
+LEAST_READING = 2.0
+"""Choice: least mean REFLECTIVITY of a patch: of fewer steps, rounding decides how it scatters."""
+
+NOISE_RANGE_STEP, NOISE_PATCHES = 0.2, 30
+"""Choice: width of a bin in ln R, and least number of patches in it, which tell photons to 18 %."""
 
 # pixels_at_rest
 
