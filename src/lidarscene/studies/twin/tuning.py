@@ -8,6 +8,9 @@ import numpy as np
 
 # planes
 
+MOST_TURNS = 1.5
+"""Choice: most turns that a row of a grid goes around: one and a piece of the next; a row of two rings goes two."""
+
 REACH_RAD = math.radians(0.5)
 """Choice: reach of a window to each side, but at least to the next ring and the second next column."""
 
