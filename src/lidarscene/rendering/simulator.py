@@ -36,7 +36,7 @@ from ..kernel.rays.device_columns import DeviceColumns, join, start_columns
 from ..kernel.world.mitsuba_world import World, build_world
 from ..light.beams import reported_beams
 from ..light.echoes import EchoTrain
-from ..maths.arrays import Mask, Numbers
+from ..maths.arrays import Array, Mask, Numbers
 from ..maths.attributes import HintedAttributes
 from ..maths.pose import Pose
 from ..maths.random import Seed
@@ -616,7 +616,8 @@ class Simulator(HintedAttributes):
         if (lanes := kept_lanes.lanes_where(alone)) is not None:
             if frames > 1:
                 lanes = kept_lanes.in_packets(lanes, self.numbering.frame_lanes, LANES)
-            parts.append(self._traced_again(frame, part, (lanes, alone), seed, lines=self._stages.crosstalk is None))
+            lines, known = self._stages.crosstalk is None, self._stages.known_hits(part.paths[0])
+            parts.append(self._traced_again(frame, part, (lanes, alone), seed, lines=lines, known=known))
         if part.leaks is None:
             return parts
         # Channels that see each other's light are traced together: all pulses of the lines concerned.
@@ -629,7 +630,8 @@ class Simulator(HintedAttributes):
         lanes = transfer.unsigned_numbers(again[np.argsort(numbers[again])])
         parts = [without_lanes(traced, np.isin(traced.pulse.numpy() // whole, leaking)) for traced in parts]
         in_lines = parts[0].goes_on
-        # The pulses of panes in these lines are traced a third time, which replaces the second.
+        # The pulses of panes in these lines are traced a third time, which replaces the second. Rays at an edge of two
+        # faces meet, among others than in the survey, either; all of a line ask again.
         for number, traced in enumerate(parts[1:], start=1):
             assert traced.retraced is not None
             outside = replace(traced.retraced, mask=traced.retraced.mask & ~in_lines)
@@ -637,15 +639,27 @@ class Simulator(HintedAttributes):
         return [*parts, self._traced_again(frame, part, (lanes, in_lines), seed, lines=True)]
 
     def _traced_again(
-        self, frame: Frame, part: Chunk, chosen: tuple[DeviceArray, Mask], seed: Seed, *, lines: bool
+        self,
+        frame: Frame,
+        part: Chunk,
+        chosen: tuple[DeviceArray, Mask],
+        seed: Seed,
+        *,
+        lines: bool,
+        known: tuple[Array, ...] = (),
     ) -> Chunk:
-        """Trace the chosen lanes of a chunk, and the mask (n,) of them, in full; ``lines`` as in `Stages.chain`."""
+        """Trace the chosen lanes of a chunk, and the mask (n,) of them, in full.
+
+        Args:
+            lines: as in `Stages.chain`
+            known: `Stages.known_hits` of the chunk
+        """
         lanes, mask = chosen
         several = kept_lanes.more_than_one(lanes)
         retraced = kept_lanes.Retraced.from_lanes(several, mask)
-        pulse = retraced.pulses(part.pulse)
+        pulse, met = retraced.pulses(part.pulse, known)
         blocks.share_out(len(pulse) * self.trace.rays)
-        traced = self._chain(frame, self.numbering.chosen(frame, pulse), seed, lines=lines)
+        traced = self._chain(frame, self.numbering.chosen(frame, pulse), seed, lines=lines, met=met)
         transfer.wait()
         blocks.rest()
         return replace(traced, retraced=retraced, twice=several is not lanes)

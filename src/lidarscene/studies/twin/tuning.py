@@ -146,6 +146,10 @@ BEAM_SHARE = 0.5
 ALONG = (5, 15)
 """Choice: pixels of a row whose mean is smooth, and of those means whose mean is smoother."""
 
+MOST_BY_CHANCE = 3.0
+"""Choice: mean square of fifteen deviations over the noise's that is of a surface, however quiet all others are: of
+eight independent ones a thousandth exceed it."""
+
 NOISE_SHOTS, NOISE_BINS = 8192, 16
 """Accuracy bought: pairs of shots that tell a sensor's noise to 3 % in each bin of the power, and the bins."""
 
