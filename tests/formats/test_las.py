@@ -25,6 +25,7 @@ def test_las_byte_by_byte(tmp_path: Path) -> None:
     data = (tmp_path / "a.las").read_bytes()
     assert data[:4] == b"LASF"
     assert (data[24], data[25], data[104]) == (1, 4, 6)
+    assert data[6] & 16  # "WKT", which table 4 asks of this point format: PDAL and QGIS refuse others
     (start,) = struct.unpack_from("<I", data, 96)
     (size,) = struct.unpack_from("<H", data, 105)
     (count,) = struct.unpack_from("<Q", data, 247)

@@ -444,12 +444,12 @@ def images(cloud: Cloud) -> dict[str, Numbers]:
     # Cells count from the lowest and rightmost; an image from its top left, as the sensor sees it.
     point = cells.point[::-1, ::-1]
     names = ["range", "intensity", *(n for n in OPTIONAL if n in (c.name for c in cloud.columns))]
-    arrays = {name: _pixel_values(cloud.column(name), point) for name in names}
-    arrays["status"] = _pixel_values(cloud.column("status") + np.uint8(1), point)
+    arrays = {name: pixel_values(cloud.column(name), point) for name in names}
+    arrays["status"] = pixel_values(cloud.column("status") + np.uint8(1), point)
     return arrays | {"point": point, "azimuth_deg": cells.azimuth_deg[::-1], "elevation_deg": cells.elevation_deg[::-1]}
 
 
-def _pixel_values(values: Numbers, point: Numbers) -> Numbers:
+def pixel_values(values: Numbers, point: Numbers) -> Numbers:
     """Values of the points that the pixels show; 0 for NOTHING."""
     # One value more than points: the pixels without a point take it.
     return np.append(values, values.dtype.type(0))[np.where(point == NOTHING, len(values), point)]

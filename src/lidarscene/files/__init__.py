@@ -18,5 +18,5 @@ late_binding  functions of higher tiers that methods of lower ones call
 optional      optional packages, or what to install
 open3d        Open3D
 pvlib         pvlib: standard spectra, position of the sun
-encodings/    CSV with a line of names, PNG, Protocol Buffers
+encodings/    CSV with a line of names, PNG, types of PLY, Protocol Buffers
 """

@@ -16,7 +16,7 @@ import re
 import shutil
 import stat
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -89,6 +89,18 @@ def put_text(path: str | os.PathLike[str], text: str) -> None:
     """
     with atomic_output(path) as temporary:
         temporary.write_text(text, encoding="utf-8", errors="backslashreplace", newline="\n")
+
+
+def put_arrays(path: str | os.PathLike[str], arrays: Mapping[str, Any]) -> None:
+    """Write NumPy's arrays by name, compressed, atomically.
+
+    Raises:
+        OutputError: if a result cannot be written
+    """
+    import numpy as np
+
+    with atomic_output(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, **arrays)
 
 
 @contextmanager

@@ -280,6 +280,7 @@ def _header(laspy: Any, cloud: Cloud) -> Any:
     header = laspy.LasHeader(version="1.4", point_format=6)
     header.scales, header.offsets = np.full(3, STEP_M), np.rint(cloud.sensor_place.position_m)
     header.generating_software = "lidarscene"
+    header.global_encoding.wkt = True  # LAS 1.4 asks it of formats 6 to 10; PDAL and QGIS refuse the file without it
     header.add_extra_dims(
         [
             laspy.ExtraBytesParams(

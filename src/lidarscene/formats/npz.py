@@ -9,7 +9,7 @@ import os
 
 import numpy as np
 
-from ..files.atomic import atomic_output
+from ..files.atomic import put_arrays
 from ..files.inputs import require_archive
 from .cloud_columns import Cloud, Fields
 from .cloud_description import described_fields, description, input_errors
@@ -20,8 +20,7 @@ DESCRIPTION = "lidarscene"
 def write_npz(path: str | os.PathLike[str], cloud: Cloud) -> None:
     """Write an array for each column, by its name, and the `cloud_description.description` as an array of text."""
     columns = {column.name: cloud.column(column.name) for column in cloud.columns}
-    with atomic_output(path) as temporary, open(temporary, "wb") as file:
-        np.savez_compressed(file, **{DESCRIPTION: np.array(description(cloud))}, **columns)  # type: ignore[arg-type]
+    put_arrays(path, {DESCRIPTION: np.array(description(cloud))} | columns)
 
 
 def read_npz(path: str | os.PathLike[str]) -> Fields:

@@ -22,31 +22,14 @@ import numpy as np
 
 from ..errors import InputError
 from ..files.atomic import atomic_output
+from ..files.encodings.ply import NUMPY_TYPES
 from ..files.inputs import require_file
 from ..maths.arrays import Numbers
 from .cloud_columns import COLUMNS, Cloud, Fields, columns_of
 from .cloud_description import counted_stream, input_errors, line_format, unit_of
 
 VERSION_LINE = "lidarscene 2"
-_SIZES = {
-    "char": "i1",
-    "uchar": "u1",
-    "short": "i2",
-    "ushort": "u2",
-    "int": "i4",
-    "uint": "u4",
-    "float": "f4",
-    "double": "f8",
-    "int8": "i1",
-    "uint8": "u1",
-    "int16": "i2",
-    "uint16": "u2",
-    "int32": "i4",
-    "uint32": "u4",
-    "float32": "f4",
-    "float64": "f8",
-}
-PLY_TYPES = {np.dtype(size).name: word for word, size in reversed(_SIZES.items())}
+PLY_TYPES = {np.dtype(size).name: word for word, size in reversed(NUMPY_TYPES.items())}
 """Name of a numpy dtype -> the older word for it, which all readers take."""
 
 BLOCK_POINTS = 1 << 16  # a few MB: stays in the cache
@@ -160,10 +143,10 @@ def ply_columns(path: str | os.PathLike[str]) -> dict[str, Numbers]:
             raise ValueError("must be a PLY whose first element is 'vertex'")
         end = elements[1] if len(elements) > 1 else len(words) - 1
         properties = words[elements[0] + 1 : end]
-        unknown = [" ".join(word) for word in properties if word[1] not in _SIZES]
+        unknown = [" ".join(word) for word in properties if word[1] not in NUMPY_TYPES]
         if unknown:
             raise ValueError(f"properties of vertices must be scalars, got '{unknown[0]}'")
-        dtype = np.dtype([(word[-1], orders[kind] + _SIZES[word[1]]) for word in properties])
+        dtype = np.dtype([(word[-1], orders[kind] + NUMPY_TYPES[word[1]]) for word in properties])
         count = int(words[elements[0]][2])
         if kind == "ascii":
             rows = np.loadtxt(list(itertools.islice(file, count)), dtype=dtype, comments=None, ndmin=1)

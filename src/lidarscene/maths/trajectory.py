@@ -128,8 +128,28 @@ ALWAYS = (-math.inf, math.inf)
 """Span of a motion without end."""
 
 
+class OneOfKind(ABC):
+    """A motion whose states `states_of` computes in one go with those of others of its kind."""
+
+    __slots__ = ()
+
+    @property
+    @abstractmethod
+    def span_s(self) -> tuple[float, float]:
+        """First and last time at which the motion is defined."""
+
+    @property
+    def is_straight(self) -> bool:
+        """False, unless a kind knows it: even equal steps between poses are not compared."""
+        return False
+
+    def at(self, time_s: Numbers) -> States:
+        """States at (n,) times; beyond the span, those at its end."""
+        return states_of([self], np.asarray(time_s, dtype=np.float64)[None]).taken(0)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Course:
+class Course(OneOfKind):
     """Constant speed and yaw rate: an arc, or a straight line.
 
     Attributes:
@@ -178,13 +198,12 @@ class Course:
         """True if the frame never moves."""
         return not any((self.speed_m_s, self.yaw_rate_rad_s, *self.velocity_m_s))
 
-    def at(self, time_s: Numbers) -> States:
-        """x = (v / w) sin(w t), y = (v / w) (1 - cos(w t)) in the frame of the start."""
-        return states_alone(self, time_s)
-
     @staticmethod
     def together(motions: Sequence[Course], time_s: Numbers) -> States:
-        """States of m courses at their own (m, n) times, as `at` of each."""
+        """States of m courses at their own (m, n) times, as `at` of each.
+
+        x = (v / w) sin(w t), y = (v / w) (1 - cos(w t)) in the frame of the start.
+        """
         speed, yaw_rate, since = (
             np.array([[getattr(motion, name)] for motion in motions], dtype=np.float64)
             for name in ("speed_m_s", "yaw_rate_rad_s", "since_s")
@@ -210,7 +229,7 @@ class Course:
         )
 
 
-class _Carried(ABC):
+class _Carried(OneOfKind):
     """A motion that follows from another one, its carrier.
 
     `states_of` computes the carriers of all motions first, and so those of one kind in one go, whatever they carry.
@@ -250,10 +269,6 @@ class Riding(_Carried):
         """The carrier's."""
         return fastest_turn_rad_s(self.carrier)
 
-    def at(self, time_s: Numbers) -> States:
-        """States of this pose, carried along."""
-        return states_alone(self, time_s)
-
     def carrier_at(self, time_s: Numbers) -> tuple[Motion, Numbers]:
         """The carrier, at the same times."""
         return self.carrier, time_s
@@ -272,7 +287,7 @@ class Riding(_Carried):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Spline:
+class Spline(OneOfKind):
     """A smooth motion through given poses: cubic on SE(3), with continuous velocities.
 
     Between two poses T_i and T_(i+1) with twists x_i and x_(i+1) in their own frames, over the time h,
@@ -320,15 +335,6 @@ class Spline:
         """Times of the first and of the last pose."""
         return float(self.time_s[0]), float(self.time_s[-1])
 
-    @property
-    def is_straight(self) -> bool:
-        """False: even equal steps are not compared."""
-        return False
-
-    def at(self, time_s: Numbers) -> States:
-        """States; before the first pose and after the last, those at that pose."""
-        return states_alone(self, time_s)
-
     @staticmethod
     def together(motions: Sequence[Spline], time_s: Numbers) -> States:
         """States of m splines at their own (m, n) times, as `at` of each."""
@@ -357,18 +363,9 @@ class _BeyondEnds(_Carried):
         return ALWAYS
 
     @property
-    def is_straight(self) -> bool:
-        """False: what it does changes at the ends of the span."""
-        return False
-
-    @property
     def fastest_turn_rad_s(self) -> float:
         """The motion's."""
         return fastest_turn_rad_s(self.motion)
-
-    def at(self, time_s: Numbers) -> States:
-        """States at any (n,) times."""
-        return states_alone(self, time_s)
 
     def carrier_at(self, time_s: Numbers) -> tuple[Motion, Numbers]:
         """The motion, at times clipped to its span."""
@@ -544,11 +541,6 @@ def rows_by(keys: Sequence[Key]) -> dict[Key, list[int]]:
     for row, key in enumerate(keys):
         rows.setdefault(key, []).append(row)
     return rows
-
-
-def states_alone(motion: Motion, time_s: Numbers) -> States:
-    """States of one motion at (n,) times."""
-    return states_of([motion], np.asarray(time_s, dtype=np.float64)[None]).taken(0)
 
 
 def _clipped_to_spans(motions: Sequence[_BeyondEnds], time_s: Numbers) -> Numbers:

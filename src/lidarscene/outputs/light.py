@@ -9,13 +9,12 @@ import dataclasses
 import math
 import os
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from ..cloud.pixels import NOTHING, cells_of_beams
+from ..cloud.pixels import cells_of_beams, pixel_values
 from ..detection.sampled_waveforms import Waveforms
-from ..files.atomic import atomic_output
+from ..files.atomic import atomic_output, put_arrays
 from ..files.encodings.png import encode_png
 from ..maths.arrays import Numbers
 from ..sensor.sensor_model import Sensor
@@ -24,7 +23,7 @@ from ..sensor.sensor_model import Sensor
 def write_waveforms(path: str | os.PathLike[str], waveforms: Waveforms) -> None:
     """Write an NPZ with one array for each field of `detection.sampled_waveforms.Waveforms`, by its name."""
     arrays = {field.name: getattr(waveforms, field.name) for field in dataclasses.fields(waveforms)}
-    _save(path, {name: array for name, array in arrays.items() if array is not None})
+    put_arrays(path, {name: array for name, array in arrays.items() if array is not None})
 
 
 class AmbientImage:
@@ -54,11 +53,7 @@ class AmbientImage:
         azimuth, elevation = (np.asarray(angle) for angle in sensor.scanner.angles(pulse))
         cells = cells_of_beams(azimuth, elevation, np.ones(len(pulse), np.uint8))
         place = cells.point[::-1, ::-1]
-
-        def pixels(values: Numbers) -> Numbers:
-            return np.asarray(np.append(values, values.dtype.type(0))[np.where(place == NOTHING, len(values), place)])
-
-        image = pixels(counts)
+        image = pixel_values(counts, place)
         if Path(path).suffix.lower() == ".png":
             # The sun itself is a million times as bright as the rest: it may saturate.
             step = max(1, math.ceil(2.0 * float(np.quantile(counts, 0.99)) / 65535.0))
@@ -71,8 +66,8 @@ class AmbientImage:
         if sensor.wear is not None:
             loss = sensor.wear.loss(sensor.scanner.direction(pulse), sensor.scanner.channel(pulse))
             masks["wear"] = np.broadcast_to(np.float32(loss), pulse.shape)
-            masks["wear_image"] = pixels(masks["wear"])
-        _save(
+            masks["wear_image"] = pixel_values(masks["wear"], place)
+        put_arrays(
             path,
             masks
             | {
@@ -86,8 +81,3 @@ class AmbientImage:
                 "elevation_deg": cells.elevation_deg[::-1],
             },
         )
-
-
-def _save(path: str | os.PathLike[str], arrays: dict[str, Any]) -> None:
-    with atomic_output(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, **arrays)

@@ -19,7 +19,7 @@ from ..cloud.builder import CloudBuilder
 from ..cloud.pixels import OPTIONAL, images
 from ..cloud.point_cloud import PointCloud
 from ..errors import InputError
-from ..files.atomic import atomic_output
+from ..files.atomic import atomic_output, put_arrays
 from ..files.encodings.png import encode_png
 from ..formats.cloud_description import unit_of
 from ..maths.arrays import Numbers
@@ -43,8 +43,7 @@ def write_range_image(path: str | os.PathLike[str], cloud: PointCloud) -> tuple[
     arrays = images(cloud)
     files = range_image_paths(path, cloud)
     if files[0].suffix.lower() == ".npz":
-        with atomic_output(files[0]) as temporary, open(temporary, "wb") as archive:
-            np.savez_compressed(archive, **arrays)  # type: ignore[arg-type]
+        put_arrays(files[0], arrays)
         return files
     for name, file in zip(arrays, files, strict=False):
         levels, unit = _levels(arrays[name], name, cloud)

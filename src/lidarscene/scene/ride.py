@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..maths.arrays import Numbers
-from ..maths.trajectory import Motion, States, cross, fastest_turn_rad_s, rows_by, states_alone, states_of
+from ..maths.trajectory import Motion, OneOfKind, States, cross, fastest_turn_rad_s, rows_by, states_of
 from ..physics.road.suspension import Suspension
 
 STEP_S = 0.005
@@ -45,7 +45,7 @@ Height = Callable[..., Numbers]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Ride:
+class Ride(OneOfKind):
     """A motion along a path that rides over the ground below it.
 
     The pose is T(t) = path(t) (heave along z, Ry(-pitch) Rx(roll)), pitch about the centre of mass and roll about the
@@ -76,18 +76,9 @@ class Ride:
         return self.path.span_s
 
     @property
-    def is_straight(self) -> bool:
-        """False: it heaves, pitches and rolls."""
-        return False
-
-    @property
     def fastest_turn_rad_s(self) -> float:
         """That of the path, beside which heave, pitch and roll are slow."""
         return fastest_turn_rad_s(self.path)
-
-    def at(self, time_s: Numbers) -> States:
-        """States at (n,) times in the span; beyond it, those at its end."""
-        return states_alone(self, time_s)
 
     @staticmethod
     def together(motions: Sequence[Ride], time_s: Numbers) -> States:

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ...files.encodings.ply import NUMPY_TYPES
 from ...maths.arrays import Numbers
 
 STRAIGHT = 1e-9
@@ -152,13 +153,6 @@ def off_in_triangles(data: bytes) -> bytes:
     return b"\n".join([counts, *lines[head + 1 : first], *faces, b""])
 
 
-_PLY_TYPES = {
-    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4"},
-    **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4"},
-    **{"double": "f8", "float64": "f8"},
-}
-
-
 def ply_as_text(data: bytes) -> bytes:
     """A binary PLY file as one of text; one that cannot be read is returned as it is."""
     try:
@@ -171,7 +165,7 @@ def ply_as_text(data: bytes) -> bytes:
                 for names in properties:
                     numbers = 1
                     for name in names:
-                        dtype = np.dtype(order + _PLY_TYPES[name])
+                        dtype = np.dtype(order + NUMPY_TYPES[name])
                         values = np.frombuffer(data, dtype, numbers, start).tolist() if numbers else []
                         start += dtype.itemsize * numbers
                         row += map(repr, values)
