@@ -26,7 +26,7 @@ from ..cloud.rays import PulseRays
 from ..detection.sampled_waveforms import Waveforms, check_pulses, sample_waveforms
 from ..errors import InputError
 from ..files.arguments import checks_arguments
-from ..formats.cloud_columns import RING_ROWS, SENSOR_TO_VEHICLE, SENSOR_TO_WORLD
+from ..formats.cloud_columns import RING_ROWS, SENSOR_TO_VEHICLE, SENSOR_TO_WORLD, numbers_text, pose_text
 from ..kernel.device import backend, blocks, transfer
 from ..kernel.device.gate import exclusive
 from ..kernel.device.types import DeviceArray
@@ -860,8 +860,8 @@ def _metadata(scene: Scene, sensor: Sensor, frame: Frame, options: FrameOptions)
         "frame": options.coordinates,
         "frame_number": str(frame.number),
         "frame_start_s": repr(frame.start_s),
-        SENSOR_TO_WORLD: _pose_text(frame.place),
-        SENSOR_TO_VEHICLE: _pose_text(frame.goal("vehicle")),
+        SENSOR_TO_WORLD: pose_text(frame.place),
+        SENSOR_TO_VEHICLE: pose_text(frame.goal("vehicle")),
     }
     if sensor.driver:
         metadata["driver"] = sensor.driver
@@ -871,8 +871,8 @@ def _metadata(scene: Scene, sensor: Sensor, frame: Frame, options: FrameOptions)
         metadata["ego_motion"] = MOTION_KEPT
     if options.coordinates != "sensor":
         goal = frame.goal(options.coordinates)
-        metadata["sensor_position_m"] = _text(goal.position_m)
-        metadata["sensor_rotation"] = _text(goal.rotation)
+        metadata["sensor_position_m"] = numbers_text(goal.position_m)
+        metadata["sensor_rotation"] = numbers_text(goal.rotation)
     return metadata
 
 
@@ -881,13 +881,3 @@ def _intensity_unit(sensor: Sensor) -> str:
     if sensor.intensity is not None:
         return {"range_corrected": "W", "reflectivity": "of 255"}[sensor.intensity.kind]
     return sensor.detector.unit
-
-
-def _pose_text(pose: Pose) -> str:
-    """(3, 4) matrix of a pose, row by row."""
-    return _text(np.column_stack([pose.rotation, pose.position_m]))
-
-
-def _text(values: Numbers) -> str:
-    """Numbers row by row, separated by spaces, in full precision."""
-    return " ".join(repr(float(x)) for x in values.ravel())
