@@ -40,13 +40,18 @@ class PoseFile(FileModel):
         )
 
 
+def angles_deg(pose: Pose) -> tuple[float, float, float]:
+    """Yaw, pitch and roll of a pose as a `PoseFile` has them [deg]."""
+    yaw_rad, down_rad, roll_rad = yaw_pitch_roll_rad(pose.rotation)
+    return math.degrees(yaw_rad), math.degrees(-down_rad), math.degrees(roll_rad)
+
+
 def pose_keys(pose: Pose) -> dict[str, Any]:
     """Keys of a `PoseFile` that give this pose: its rotation exactly where some angles do, else to rounding."""
-    yaw_rad, down_rad, roll_rad = yaw_pitch_roll_rad(pose.rotation)
-    angles_deg = [math.degrees(angle_rad) for angle_rad in (yaw_rad, -down_rad, roll_rad)]
-    tries = [[float(f"{angle:.{digits}f}") for angle in angles_deg] for digits in range(16)]
+    exact_deg = angles_deg(pose)
+    tries = [[float(f"{angle:.{digits}f}") for angle in exact_deg] for digits in range(16)]
     position_m = tuple(pose.position_m.tolist())
-    for yaw_deg, pitch_deg, roll_deg in [*tries, angles_deg]:
+    for yaw_deg, pitch_deg, roll_deg in [*tries, exact_deg]:
         turned = Pose.from_degrees(yaw_deg=yaw_deg, pitch_deg=pitch_deg, roll_deg=roll_deg)
         if np.array_equal(turned.rotation, pose.rotation):
             break

@@ -9,8 +9,9 @@ from helpers.twins import room_sweep
 
 from lidarscene.errors import OptionWarning
 from lidarscene.maths.pose import Pose
+from lidarscene.sensor.pose_file import angles_deg
 from lidarscene.studies.twin import frame_poses
-from lidarscene.studies.twin.frame_poses import angles_deg, is_at_rest, place_frames
+from lidarscene.studies.twin.frame_poses import is_at_rest, place_frames
 
 MOVED = Pose.from_degrees(position_m=(0.6, -0.3, 0.05), yaw_deg=3.0, pitch_deg=0.5)
 

@@ -82,20 +82,21 @@ def test_a_pulse_lost_before_a_bright_sky_is_as_far_below_the_threshold_in_the_t
     assert np.array(bounds) / bounds[0] == pytest.approx([1.0, 0.5, 1.0])
 
 
-@pytest.mark.parametrize("has_signals", [True, False])
-def test_no_lost_echo_is_stronger_than_the_threshold_that_lost_it(has_signals: bool) -> None:
+@pytest.mark.parametrize("lost_signal", [69.3, 0.0, None])
+def test_no_lost_echo_is_stronger_than_the_threshold_that_lost_it(lost_signal: float | None) -> None:
     """A lost pulse of ten times the threshold of its NEAR_IR: other light, so the hole has half of the threshold.
 
-    With and without signals it is in photons that the sensor would count of a white wall there.
-    It is that of an os0-128 at a NEAR_IR of 900, 0.202 (900 + 54 x 5.2)^0.5 = 6.93 photons.
+    Rationale: where its SIGNAL is 0 the hole was as bright as what is beside it. With and without signals it is in
+    photons that the sensor would count of a white wall there. It is that of an os0-128 at a NEAR_IR of 900,
+    0.202 (900 + 54 x 5.2)^0.5 = 6.93 photons.
     """
     plain = room_sweep()
     sensor = load_sensor("os0-128", overrides=["scanner.columns_per_turn=1024"])
     range_m, signal, reflectivity = (np.array(values) for values in (plain.range_m, plain.signal, plain.reflectivity))
     white = recorded.white_m2(sensor, range_m[6, 45:46])[0] / (0.98 * range_m[6, 45]) ** 2
-    range_m[6, 45], signal[6, 45], reflectivity[6, 45] = np.nan, 69.3, 0.0
+    range_m[6, 45], signal[6, 45], reflectivity[6, 45] = np.nan, lost_signal or 0.0, 0.0
     near_ir = np.full(plain.shape, 900.0)
-    signals = signal if has_signals else None
+    signals = None if lost_signal is None else signal
     sweep = room_sweep(range_m=range_m, signal=signals, reflectivity=reflectivity, near_ir=near_ir)
     quads = surfels_of_grid(align_columns(sweep), ReflectivityGauge.from_sweep(sweep, sensor), None)
     hole = quads.kind == FILLED

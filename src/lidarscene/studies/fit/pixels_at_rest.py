@@ -21,9 +21,9 @@ from ..twin.ground import ground_plane
 from ..twin.matched_pulses import strength_of
 from ..twin.planes import align_columns, fit_planes
 from ..twin.reading_noise import lean_of
-from ..twin.tuning import LEAST_COS
+from ..twin.tuning import LEAST_COS, WHOLE_FRAME
 from .recorded_pulses import BLOCK_COLUMNS, fitted_blocks
-from .tuning import GROUND_COS, LEAST_OF_BIN, LEAST_STEPS, ROUNDING, WHOLE_FRAME
+from .tuning import GROUND_COS, LEAST_OF_BIN, LEAST_STEPS, ROUNDING
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

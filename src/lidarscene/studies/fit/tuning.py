@@ -152,9 +152,6 @@ NOISE_RANGE_STEP, NOISE_PATCHES = 0.2, 30
 GROUND_COS = 0.95
 """Choice: least cosine between the normals of a pixel's own plane and of the ground's, of a pixel on the ground."""
 
-WHOLE_FRAME = 0.9
-"""Choice: least share of the pulses of the fullest frame that another one has; one cut short leaves few pixels."""
-
 # at_rest
 
 LEAST_STEP_MM = 10.0

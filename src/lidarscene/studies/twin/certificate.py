@@ -38,14 +38,12 @@ from .sensor_grid import on_grid, rows_of
 from .side_figures import REAL, SIMULATED, side_figures
 from .surfels import SMOOTH
 from .told_apart import EXTRA, PATCH, Image, ToldApart, told_apart
+from .tuning import WHOLE_FRAME
 from .twin_files import COLUMNS, SCENE, TwinFrames, build_twin, frame_pose, read_provenance
 
 NUMBERS = "certificate.json"
 MOST_FRAMES = 4
 """Choice: frames of a sensor at rest that are judged together; 4 tell a scatter of 200 pixels to 3 %."""
-
-WHOLE = 0.9
-"""Choice: least share of the pulses of the judged frame that another one has, of which none was cut short."""
 
 ON_SMOOTH = "told apart on smooth surfaces"
 """Row of the classifier that is held to a limit."""
@@ -239,7 +237,7 @@ def judge_in_twin(
     if twin_sweep is not None:
         numbers = (*range(number + 1, len(recording)), *range(number - 1, -1, -1))
         others = (index for index in numbers if index not in provenance["frames"])
-        whole = WHOLE * full_sweep.recorded.sum()
+        whole = WHOLE_FRAME * full_sweep.recorded.sum()
         at_rest = itertools.takewhile(lambda sweep: is_at_rest(sweep, full_sweep), map(read, others))
         sweeps += itertools.islice((sweep for sweep in at_rest if sweep.recorded.sum() >= whole), MOST_FRAMES - 1)
         recorded = np.logical_and.reduce([sweep.recorded for sweep in (twin_sweep, *sweeps)])

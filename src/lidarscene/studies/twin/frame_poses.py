@@ -50,13 +50,6 @@ def place_frames(sweeps: Mapping[int, Sweep], first: int) -> dict[int, Pose]:
     return places
 
 
-def angles_deg(pose: Pose) -> tuple[float, float, float]:
-    """Yaw, pitch and roll of a pose [deg]."""
-    rotation = pose.rotation
-    yaw, roll = math.atan2(rotation[1, 0], rotation[0, 0]), math.atan2(rotation[2, 1], rotation[2, 2])
-    return math.degrees(yaw), math.degrees(math.asin(max(-1.0, min(1.0, rotation[2, 0])))), math.degrees(roll)
-
-
 def _pose(sweep: Sweep) -> Pose:
     assert sweep.pose is not None
     return sweep.pose

@@ -186,6 +186,9 @@ LARGEST_SHIFT_M = 3e-3
 """Choice: shift between two frames below which the sensor was at rest: 3 cm/s at 10 Hz. Registration is good to a
 centimetre, which is three columns of a surface at 0.6 m."""
 
+WHOLE_FRAME = 0.9
+"""Choice: least share of the pulses of a frame that another one at rest has; one cut short leaves few pixels."""
+
 # daylight
 
 BRIGHTEST_KLUX = 130.0

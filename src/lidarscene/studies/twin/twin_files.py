@@ -33,11 +33,12 @@ from ...recordings.units.ouster_unit import FIRST_CALIBRATED, firmware_version
 from ...recordings.units.unit_file import read_unit, with_second_returns, write_unit
 from ...scan.spinning import Spinning
 from ...scene.tables import SceneFile
+from ...sensor.pose_file import angles_deg, to_pose
 from ...sensor.sensor_file import load_sensor
 from ..held import LIMITS
 from .apparent_reflectivity import ReflectivityGauge, is_explained
 from .daylight import illuminance_klux
-from .frame_poses import angles_deg, place_frames
+from .frame_poses import place_frames
 from .ground import ground_plane
 from .matched_pulses import RAYS
 from .planes import align_columns, has_grid, select_columns
@@ -358,5 +359,4 @@ def frame_pose(provenance: dict[str, Any], number: int, scene: Path) -> Pose:
         raise OptionError(
             "{frame} {0}: must be one of {1}, the frames of {2}", number, ", ".join(provenance["places"]), scene
         )
-    x, y, z, yaw, pitch, roll = pose
-    return Pose.from_degrees(position_m=(x, y, z), yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)
+    return to_pose(pose)
