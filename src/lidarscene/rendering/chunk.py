@@ -76,7 +76,10 @@ def drop_continuing(
 def without_lanes(part: Chunk, dropped: Numbers) -> Chunk:
     """Return a chunk in which these lanes, (n,) bool, count as without a surface, as in `drop_continuing`."""
     goes_on = transfer.unsigned_numbers(dropped) != 0
-    return dataclasses.replace(part, detection=without_pulses(part.detection, goes_on), goes_on=goes_on)
+    detection = without_pulses(part.detection, goes_on)
+    # The kernel that reads these would otherwise compute them in an order that is another in the second frame.
+    transfer.start([goes_on, detection.outcome, *(stop.reported for stop in detection.stops)])
+    return dataclasses.replace(part, detection=detection, goes_on=goes_on)
 
 
 def detection_values(parts: Sequence[Chunk], name: str) -> Numbers:

@@ -634,8 +634,9 @@ class Simulator(HintedAttributes):
         # faces meet, among others than in the survey, either; all of a line ask again.
         for number, traced in enumerate(parts[1:], start=1):
             assert traced.retraced is not None
-            outside = replace(traced.retraced, mask=traced.retraced.mask & ~in_lines)
-            parts[number] = replace(traced, retraced=outside)
+            outside = traced.retraced.mask & ~in_lines
+            transfer.start([outside])  # as `without_lanes` does
+            parts[number] = replace(traced, retraced=replace(traced.retraced, mask=outside))
         return [*parts, self._traced_again(frame, part, (lanes, in_lines), seed, lines=True)]
 
     def _traced_again(

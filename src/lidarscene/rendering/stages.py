@@ -191,7 +191,7 @@ class Stages:
         light = self._channel_light(train, self.crosstalk)
         return add_stray_light(train, light, self.crosstalk, pulse=pulses.number)
 
-    def known_hits(self, surveyed: Hits) -> tuple[Array, ...]:
+    def known_hits(self, surveyed: Hits) -> tuple[Any, ...]:
         """What a survey tells of the rays' first hits, panes left out (`Firing.met`); () if it cannot tell."""
         world, several = self.world, self.rays > 1
         if several or surveyed.goes_on is None or world.movers or world.face_normal is None:
