@@ -11,6 +11,8 @@ from lidarscene.errors import LidarSceneError
 from lidarscene.formats.cloud_description import LARGEST
 from lidarscene.formats.registry import ALL, FORMATS
 from lidarscene.formats.ros import ros_frames
+from lidarscene.labels.kitti_dataset import frame_stream
+from lidarscene.scene.scene import Scene
 
 PLACED = {"sensor_position_m": "1 2 3", "sensor_rotation": "0 -1 0 1 0 0 0 0 1", "frame": "world"}
 
@@ -37,6 +39,14 @@ def write_bag(path: Path, *clouds: PointCloud, **options: Any) -> None:
     with ros_frames(path, **options) as append:
         for cloud in clouds:
             append(cloud)
+
+
+def write_frame(
+    dataset: str, folder: Path, frame: int, cloud: PointCloud, scene: Scene, *, sequence: str = "00"
+) -> None:
+    """Write a cloud as a frame of a data set in KITTI's folders."""
+    with frame_stream(dataset, folder, frame, scene, sequence=sequence) as append:
+        append(cloud)
 
 
 def written(path: Path, name: str, pieces: list[PointCloud]) -> bytes:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import street
-from helpers.formats import osi_messages, rotated, value_at
+from helpers.formats import osi_messages, rotated, value_at, write_frame
 from helpers.mistakes import told
 from scipy.spatial.transform import Rotation
 
@@ -509,7 +509,7 @@ def test_instances_fill_16_bits(body: int, instance: int) -> None:
 @pytest.fixture
 def object_dataset(tmp_path: Path, street_cloud: PointCloud) -> Path:
     for frame in range(2):
-        kitti_dataset.write_object_frame(tmp_path, frame, street_cloud, street.scene())
+        write_frame("kitti", tmp_path, frame, street_cloud, street.scene())
     return tmp_path
 
 
@@ -549,7 +549,7 @@ def test_a_frame_without_boxes_has_a_line_for_loaders_of_kitti(tmp_path: Path, s
     """
     scene = street.scene()
     scene = replace(scene, bodies=tuple(replace(body, class_name="building") for body in scene.bodies))
-    kitti_dataset.write_object_frame(tmp_path, 0, street_cloud, scene)
+    write_frame("kitti", tmp_path, 0, street_cloud, scene)
     lines = (tmp_path / "training/label_2/000000.txt").read_text().splitlines()
     (fields,) = (line.strip().split(" ") for line in lines)
     assert fields[0] == "DontCare"
@@ -594,7 +594,7 @@ def sequence(tmp_path: Path, street_cloud: PointCloud) -> Path:
     for frame in range(3):
         metadata = {**street_cloud.metadata, "frame_start_s": repr(0.1 * frame)}
         cloud = replace(street_cloud, metadata=metadata)
-        kitti_dataset.write_sequence_frame(tmp_path, frame, cloud, street.scene())
+        write_frame("semantickitti", tmp_path, frame, cloud, street.scene())
     return tmp_path
 
 
@@ -640,8 +640,8 @@ def test_frames_of_a_sequence_are_written_in_order(sequence: Path, street_cloud:
     """And a run that starts again does not leave lines of the old one."""
     later = replace(street_cloud, metadata={**street_cloud.metadata, "frame_start_s": "7.0"})
     with told("times.txt | 5 lines | 3"):
-        kitti_dataset.write_sequence_frame(sequence, 5, later, street.scene())
-    kitti_dataset.write_sequence_frame(sequence, 0, later, street.scene())
+        write_frame("semantickitti", sequence, 5, later, street.scene())
+    write_frame("semantickitti", sequence, 0, later, street.scene())
     assert (sequence / "dataset/sequences/00/times.txt").read_text() == "7.000000000e+00\n"
 
 
@@ -868,7 +868,7 @@ def test_a_box_off_the_origin_of_what_moves() -> None:
 
 def test_another_sequence_and_times_to_a_nanosecond(tmp_path: Path, street_cloud: PointCloud) -> None:
     cloud = replace(street_cloud, metadata=street_cloud.metadata | {"frame_start_s": "1.234567891"})
-    kitti_dataset.write_sequence_frame(tmp_path, 0, cloud, street.scene(), sequence="07")
+    write_frame("semantickitti", tmp_path, 0, cloud, street.scene(), sequence="07")
     folder = tmp_path / "dataset/sequences/07"
     assert float((folder / "times.txt").read_text()) == 1.234567891
     assert sorted(path.name for path in folder.iterdir()) == [

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.folders import file_contents
 from helpers.mistakes import told
 from helpers.run_seed import chosen
 
@@ -102,12 +103,4 @@ def test_files_are_those_of_one_thread(mi: Any, tmp_path: Path, monkeypatch: pyt
     main = threading.main_thread().name
     assert main not in threads[: len(threads) // 2]
     assert {main} == {*threads[len(threads) // 2 :]}
-    beside, alone = (
-        {
-            path.relative_to(tmp_path / name): path.read_bytes()
-            for path in (tmp_path / name).rglob("*")
-            if path.is_file()
-        }
-        for name in ("beside", "alone")
-    )
-    assert beside == alone
+    assert file_contents(tmp_path / "beside") == file_contents(tmp_path / "alone")

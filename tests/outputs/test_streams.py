@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from helpers.command_line import BEAMS, COARSE, Run
 from helpers.folders import file_contents
+from helpers.formats import write_frame
 from helpers.run_seed import chosen
 from helpers.walls import write_moving_rig
 
@@ -20,7 +21,6 @@ from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.cloud.rig_clouds import merge_clouds
 from lidarscene.formats import parquet
 from lidarscene.formats.registry import FORMATS
-from lidarscene.labels import kitti_dataset
 from lidarscene.labels.files import write_labels
 from lidarscene.labels.point_rows import PointRows
 from lidarscene.rendering.render_options import FrameOptions
@@ -173,7 +173,7 @@ def test_a_data_set_is_that_of_the_api(run: Run, moving: str, tmp_path: Path, op
     simulator = Simulator(scene, sensor)
     raw = simulator.render()
     cloud = raw if option else simulator.without_motion(raw, FrameOptions())
-    kitti_dataset.write_object_frame(tmp_path / "api", 0, cloud, scene)
+    write_frame("kitti", tmp_path / "api", 0, cloud, scene)
     assert run("render", moving, "-o", "cli", "--dataset", "kitti", *COARSE, CHUNKS, *option).code == 0
     assert file_contents(tmp_path / "cli") == file_contents(tmp_path / "api")
 

@@ -26,6 +26,7 @@ from ..formats.cloud_columns import (
     STATUS_PLURALS,
     TRUTH,
     Cloud,
+    numbers_text,
     parse_numbers,
     sensor_positions_m,
 )
@@ -210,7 +211,7 @@ class PointCloud(_CloudWithRays):
         standing = self.metadata.get("sensor_rotation", "1 0 0 0 1 0 0 0 1 " * len(positions_m))
         rotations = pose.rotation @ parse_numbers(standing, "sensor_rotation", (len(positions_m), 3, 3))
         placing = {"sensor_position_m": positions_m, "sensor_rotation": rotations}
-        texts = {key: " ".join(map(repr, numbers.ravel().tolist())) for key, numbers in placing.items()}
+        texts = {key: numbers_text(numbers) for key, numbers in placing.items()}
         return replace(
             self,
             xyz_m=pose.apply(self.xyz_m),

@@ -18,6 +18,7 @@ from ..files.facts import Picture
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..maths.trajectory import pose_at
+from ..maths.vectors import convex_hull
 from ..scene.scene import Body, Part, Scene
 from .lines import DPI, GREY, INK, colour_of, empty_figure, literal, plain_axes, write_figure
 from .maps import NO_DATA_COLOUR
@@ -93,16 +94,6 @@ def _middle_m(corners_m: Numbers) -> Numbers:
     return np.asarray(0.5 * (corners_m.min(axis=0) + corners_m.max(axis=0)))
 
 
-def _outline(points: Numbers) -> Numbers:
-    """(k, 2) corners of the convex hull of (n, 2) points; the points themselves where they lie on a line."""
-    from scipy.spatial import ConvexHull, QhullError
-
-    try:
-        return np.asarray(points[ConvexHull(points).vertices])
-    except (QhullError, ValueError):  # all on a line, or fewer than three
-        return points
-
-
 def _fill(axes: Any, outline: Numbers, colour: str | None) -> None:
     """Fill an outline; without a colour it is ground."""
     shade = {"facecolor": NO_DATA_COLOUR, "edgecolor": "white"} if colour is None else {"facecolor": colour}
@@ -117,7 +108,7 @@ def _from_above(axes: Any, *, seen: Sequence[tuple[Body, Numbers]], colours: dic
     names = []
     for body, corners_m in seen:
         stands = np.ptp(corners_m[:, 2]) > LEAST_HEIGHT_M
-        _fill(axes, _outline(corners_m[:, :2]), colours[body.class_name] if stands else None)
+        _fill(axes, convex_hull(corners_m[:, :2]), colours[body.class_name] if stands else None)
         if stands:
             distance_m = float(np.linalg.norm(_middle_m(corners_m)[:2] - (x, y)))
             farthest_m = max(farthest_m, distance_m)
@@ -157,7 +148,7 @@ def _from_sensor(axes: Any, *, seen: Sequence[tuple[Body, Numbers]], colours: di
         angles_deg = np.degrees(np.stack([azimuth, np.arctan2(z, np.hypot(x, y))], axis=1))
         widest_deg = max(widest_deg, float(np.abs(angles_deg[:, 0]).max()))
         for turns in (-360.0, 0.0, 360.0):  # what lies behind the sensor is on both edges
-            _fill(axes, _outline(angles_deg + np.array([turns, 0.0])), colours[body.class_name])
+            _fill(axes, convex_hull(angles_deg + np.array([turns, 0.0])), colours[body.class_name])
     axes.set(xlim=(min(1.2 * widest_deg, 180.0), -min(1.2 * widest_deg, 180.0)), ylim=(-45.0, 45.0))
     axes.axhline(0.0, color=GREY, linewidth=0.7)
     plain_axes(axes, "azimuth from the sensor, to the left [deg]", "elevation [deg]")

@@ -251,12 +251,10 @@ def _known_keys(model: type[BaseModel], location: Iterable[Any], tables: Any) ->
             of_any_name = False
             continue
         annotation = model.model_fields[part].annotation if part in model.model_fields else None
-        inner, of_any_name = _models_in(annotation), get_origin(annotation) in (dict, Mapping)
-        if len(inner) > 1:
-            inner = [candidate for candidate in inner if get_entry(tables, "type") in _types_of(candidate)]
-        if len(inner) != 1:
+        inner, of_any_name = model_of(annotation, tables), get_origin(annotation) in (dict, Mapping)
+        if inner is None:
             return []
-        model = inner[0]
+        model = inner
     return [info.alias or name for name, info in model.model_fields.items()]
 
 
@@ -296,6 +294,14 @@ def keys_of_tables(model: type[BaseModel]) -> list[str]:
             for inner, inner_info in inner_model.model_fields.items()
         )
     )
+
+
+def model_of(annotation: Any, table: Any) -> type[BaseModel] | None:
+    """Return the one model inside a type; of several, that of the table's ``type``. None if that leaves several."""
+    models = _models_in(annotation)
+    if len(models) > 1:
+        models = [model for model in models if get_entry(table, "type") in _types_of(model)]
+    return models[0] if len(models) == 1 else None
 
 
 def _models_in(annotation: Any) -> list[type[BaseModel]]:

@@ -661,6 +661,16 @@ def parse_numbers(text: str, key: str, shape: tuple[int, ...]) -> Numbers:
         raise ValueError(f"metadata: '{key}': must be {count} numbers, got '{text}'") from None
 
 
+def numbers_text(values: Numbers) -> str:
+    """Text of an entry of the metadata, row by row in full precision: `parse_numbers` reads it."""
+    return " ".join(map(repr, values.ravel().tolist()))
+
+
+def pose_text(pose: Pose) -> str:
+    """Text of the (3, 4) matrix of a pose."""
+    return numbers_text(np.column_stack([pose.rotation, pose.position_m]))
+
+
 def freeze_column(attribute: str, values: Any, points: int) -> Numbers:
     """Freeze ``values`` in dtype and shape of this attribute; ValueError that names it if they do not fit."""
     array, is_position = np.asarray(values), attribute == "xyz_m"

@@ -1,9 +1,9 @@
 """Write data sets in KITTI's folders, frame by frame.
 
-`write_object_frame` fills `training/velodyne`, `label_2`, `calib` and `image_2` (3D object detection),
-`write_sequence_frame` `dataset/sequences/00` and `dataset/poses` (odometry and SemanticKITTI). A frame's files do not
-depend on the others, but `times.txt` and `poses.txt` have a line for each frame so far: frames are written in order, or
-`write_sequences` writes them at the end.
+`frame_stream` fills `training/velodyne`, `label_2`, `calib` and `image_2` (3D object detection), or
+`dataset/sequences/00` and `dataset/poses` (odometry and SemanticKITTI). A frame's files do not depend on the others,
+but `times.txt` and `poses.txt` have a line for each frame so far: frames are written in order, or `write_sequences`
+writes them at the end.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import numpy as np
 
 from ..cloud.point_cloud import PointCloud
 from ..errors import InputError
-from ..files.atomic import atomic_output, name_path_in_errors
+from ..files.atomic import atomic_output, name_path_in_errors, put_text
 from ..maths.pose import Pose
 from ..scene.scene import Scene
 from .boxes import PIECE_POINTS, sensor_place, truth_of
@@ -136,20 +136,6 @@ def frame_files(dataset: str, clouds: Path) -> tuple[Path, ...]:
     return clouds, folder / "labels" / f"{stem}.label"
 
 
-def write_object_frame(folder: str | os.PathLike[str], frame: int, cloud: PointCloud, scene: Scene) -> None:
-    """Write frame number ``frame`` (from 0) of a data set for object detection."""
-    with frame_stream("kitti", folder, frame, scene) as append:
-        append(cloud)
-
-
-def write_sequence_frame(
-    folder: str | os.PathLike[str], frame: int, cloud: PointCloud, scene: Scene, *, sequence: str = "00"
-) -> None:
-    """Write frame number ``frame`` (from 0) of a sequence."""
-    with frame_stream("semantickitti", folder, frame, scene, sequence=sequence) as append:
-        append(cloud)
-
-
 @functools.cache
 def _picture() -> bytes:
     """PNG of a black picture of the camera's size."""
@@ -233,5 +219,4 @@ def _append_line(path: Path, line: str) -> None:
 
 
 def _write_text(path: Path, lines: list[str]) -> None:
-    with atomic_output(path) as temporary:
-        temporary.write_text("".join(line + "\n" for line in lines), encoding="ascii")
+    put_text(path, "".join(line + "\n" for line in lines))

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from ..cloud.point_cloud import PointCloud
-from ..files.atomic import atomic_output
+from ..files.atomic import atomic_output, put_text
 from ..formats.clock import EPOCH, default_epoch_ns, stamp_ns
 from ..formats.kitti import kitti_stream
 from ..maths.arrays import Numbers
@@ -266,8 +266,7 @@ def write_tables(folder: Path, frames: Iterable[tuple[Sample, Mapping[str, Any]]
     root = folder / VERSION
     for name, rows in tables.tables(vehicle).items():
         _write_rows(root / f"{name}.json", rows)
-    with atomic_output(root / "splits.json") as temporary:
-        temporary.write_text(json.dumps(tables.splits, indent=1) + "\n", encoding="ascii")
+    put_text(root / "splits.json", json.dumps(tables.splits, indent=1) + "\n")
 
 
 def scene_name(scene: int) -> str:

@@ -1,4 +1,4 @@
-"""Vector optics on tuples (x, y, z) of numbers or arrays: mirrors, refraction, angles.
+"""Vector optics on tuples (x, y, z) of numbers or arrays: mirrors, refraction, angles; hulls of points in a plane.
 
 A tuple of three arrays works on numpy and Dr.Jit alike and needs no vector type.
 
@@ -7,7 +7,9 @@ Symbols: d direction, n normal, theta_i and theta_t angles before and behind a f
 
 from __future__ import annotations
 
-from .arrays import Lanes, xp
+import numpy as np
+
+from .arrays import Lanes, Numbers, xp
 
 Vector = tuple[Lanes, Lanes, Lanes]
 
@@ -80,3 +82,14 @@ def perpendicular_pair(direction: Vector) -> tuple[Vector, Vector]:
     a = -1.0 / (sign + z)
     b = x * y * a
     return (1.0 + sign * x * x * a, sign * b, -sign * x), (b, sign + y * y * a, -y)
+
+
+def convex_hull(points: Numbers) -> Numbers:
+    """Corners (k, 2) of the convex hull of (n, 2) points, counter-clockwise; the two ends where they lie on a line."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        return np.asarray(points[ConvexHull(points).vertices])
+    except QhullError:  # all on a line, or fewer than three
+        along = points[:, np.ptp(points, axis=0).argmax()]
+        return np.asarray(points[[along.argmin(), along.argmax()]])

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..cloud.point_cloud import PointCloud
-from ..formats.cloud_columns import COLUMNS, MEASURED, SENSOR_TO_WORLD
+from ..formats.cloud_columns import COLUMNS, MEASURED, SENSOR_TO_WORLD, pose_text
 from ..maths.arrays import Numbers
 from .sweep import Second, Sweep
 
@@ -43,8 +43,7 @@ def cloud_of(sweep: Sweep) -> PointCloud:
         metadata["intensity_unit"] = UNITS[intensity]
     metadata |= {"recorded": recorded_columns, "frame": "sensor", "frame_start_s": repr(float(sweep.start_s))}
     if sweep.pose is not None:
-        rows = np.column_stack([sweep.pose.rotation, sweep.pose.position_m])
-        metadata[SENSOR_TO_WORLD] = " ".join(repr(float(x)) for x in rows.ravel())
+        metadata[SENSOR_TO_WORLD] = pose_text(sweep.pose)
     return PointCloud(**attributes, metadata=metadata)
 
 

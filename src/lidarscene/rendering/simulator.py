@@ -26,7 +26,7 @@ from ..cloud.rays import PulseRays
 from ..detection.sampled_waveforms import Waveforms, check_pulses, sample_waveforms
 from ..errors import InputError
 from ..files.arguments import checks_arguments
-from ..formats.cloud_columns import RING_ROWS, SENSOR_TO_VEHICLE, SENSOR_TO_WORLD
+from ..formats.cloud_columns import RING_ROWS, SENSOR_TO_VEHICLE, SENSOR_TO_WORLD, numbers_text, pose_text
 from ..kernel.device import backend, blocks, transfer
 from ..kernel.device.gate import exclusive
 from ..kernel.device.types import DeviceArray
@@ -36,7 +36,7 @@ from ..kernel.rays.device_columns import DeviceColumns, join, start_columns
 from ..kernel.world.mitsuba_world import World, build_world
 from ..light.beams import reported_beams
 from ..light.echoes import EchoTrain
-from ..maths.arrays import Mask, Numbers
+from ..maths.arrays import Array, Mask, Numbers
 from ..maths.attributes import HintedAttributes
 from ..maths.pose import Pose
 from ..maths.random import Seed
@@ -616,7 +616,8 @@ class Simulator(HintedAttributes):
         if (lanes := kept_lanes.lanes_where(alone)) is not None:
             if frames > 1:
                 lanes = kept_lanes.in_packets(lanes, self.numbering.frame_lanes, LANES)
-            parts.append(self._traced_again(frame, part, (lanes, alone), seed, lines=self._stages.crosstalk is None))
+            lines, known = self._stages.crosstalk is None, self._stages.known_hits(part.paths[0])
+            parts.append(self._traced_again(frame, part, (lanes, alone), seed, lines=lines, known=known))
         if part.leaks is None:
             return parts
         # Channels that see each other's light are traced together: all pulses of the lines concerned.
@@ -629,7 +630,8 @@ class Simulator(HintedAttributes):
         lanes = transfer.unsigned_numbers(again[np.argsort(numbers[again])])
         parts = [without_lanes(traced, np.isin(traced.pulse.numpy() // whole, leaking)) for traced in parts]
         in_lines = parts[0].goes_on
-        # The pulses of panes in these lines are traced a third time, which replaces the second.
+        # The pulses of panes in these lines are traced a third time, which replaces the second. Rays at an edge of two
+        # faces meet, among others than in the survey, either; all of a line ask again.
         for number, traced in enumerate(parts[1:], start=1):
             assert traced.retraced is not None
             outside = replace(traced.retraced, mask=traced.retraced.mask & ~in_lines)
@@ -637,15 +639,27 @@ class Simulator(HintedAttributes):
         return [*parts, self._traced_again(frame, part, (lanes, in_lines), seed, lines=True)]
 
     def _traced_again(
-        self, frame: Frame, part: Chunk, chosen: tuple[DeviceArray, Mask], seed: Seed, *, lines: bool
+        self,
+        frame: Frame,
+        part: Chunk,
+        chosen: tuple[DeviceArray, Mask],
+        seed: Seed,
+        *,
+        lines: bool,
+        known: tuple[Array, ...] = (),
     ) -> Chunk:
-        """Trace the chosen lanes of a chunk, and the mask (n,) of them, in full; ``lines`` as in `Stages.chain`."""
+        """Trace the chosen lanes of a chunk, and the mask (n,) of them, in full.
+
+        Args:
+            lines: as in `Stages.chain`
+            known: `Stages.known_hits` of the chunk
+        """
         lanes, mask = chosen
         several = kept_lanes.more_than_one(lanes)
         retraced = kept_lanes.Retraced.from_lanes(several, mask)
-        pulse = retraced.pulses(part.pulse)
+        pulse, met = retraced.pulses(part.pulse, known)
         blocks.share_out(len(pulse) * self.trace.rays)
-        traced = self._chain(frame, self.numbering.chosen(frame, pulse), seed, lines=lines)
+        traced = self._chain(frame, self.numbering.chosen(frame, pulse), seed, lines=lines, met=met)
         transfer.wait()
         blocks.rest()
         return replace(traced, retraced=retraced, twice=several is not lanes)
@@ -846,8 +860,8 @@ def _metadata(scene: Scene, sensor: Sensor, frame: Frame, options: FrameOptions)
         "frame": options.coordinates,
         "frame_number": str(frame.number),
         "frame_start_s": repr(frame.start_s),
-        SENSOR_TO_WORLD: _pose_text(frame.place),
-        SENSOR_TO_VEHICLE: _pose_text(frame.goal("vehicle")),
+        SENSOR_TO_WORLD: pose_text(frame.place),
+        SENSOR_TO_VEHICLE: pose_text(frame.goal("vehicle")),
     }
     if sensor.driver:
         metadata["driver"] = sensor.driver
@@ -857,8 +871,8 @@ def _metadata(scene: Scene, sensor: Sensor, frame: Frame, options: FrameOptions)
         metadata["ego_motion"] = MOTION_KEPT
     if options.coordinates != "sensor":
         goal = frame.goal(options.coordinates)
-        metadata["sensor_position_m"] = _text(goal.position_m)
-        metadata["sensor_rotation"] = _text(goal.rotation)
+        metadata["sensor_position_m"] = numbers_text(goal.position_m)
+        metadata["sensor_rotation"] = numbers_text(goal.rotation)
     return metadata
 
 
@@ -867,13 +881,3 @@ def _intensity_unit(sensor: Sensor) -> str:
     if sensor.intensity is not None:
         return {"range_corrected": "W", "reflectivity": "of 255"}[sensor.intensity.kind]
     return sensor.detector.unit
-
-
-def _pose_text(pose: Pose) -> str:
-    """(3, 4) matrix of a pose, row by row."""
-    return _text(np.column_stack([pose.rotation, pose.position_m]))
-
-
-def _text(values: Numbers) -> str:
-    """Numbers row by row, separated by spaces, in full precision."""
-    return " ".join(repr(float(x)) for x in values.ravel())

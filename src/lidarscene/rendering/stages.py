@@ -148,6 +148,7 @@ class Stages:
         survey: bool,
         lines: bool = True,
         ray_pulses: RayPulses | None = None,
+        met: tuple[Array, ...] = (),
     ) -> Chunk:
         """Beams, hits, echoes, returns of some pulses, on the device.
 
@@ -156,10 +157,11 @@ class Stages:
             lines: the pulses are whole scan lines in order, of which channels see each other's light; False, and in a
                 survey: pulses whose light other channels notice are left out, and marked in ``leaks``
             ray_pulses: `ray_pulses` of these pulses, if computed before
+            met: `known_hits` of these pulses
         """
         lines = lines and not survey and self.crosstalk is not None
-        sensor = self.sensor
-        lit = self._optical_stages(places, pulse, seed, survey=survey, lines=lines, ray_pulses=ray_pulses or {})
+        sensor, known = self.sensor, ray_pulses or {}
+        lit = self._optical_stages(places, pulse, seed, survey=survey, lines=lines, ray_pulses=known, met=met)
         number = kept_lanes.existing(pulse)
         # One echo at most, and a converter that keeps the first: detection has a closed form, and no search for peaks.
         lone = self.rays == len(lit.paths) == 1 and self.air is None and not lines
@@ -189,6 +191,13 @@ class Stages:
         light = self._channel_light(train, self.crosstalk)
         return add_stray_light(train, light, self.crosstalk, pulse=pulses.number)
 
+    def known_hits(self, surveyed: Hits) -> tuple[Array, ...]:
+        """What a survey tells of the rays' first hits, panes left out (`Firing.met`); () if it cannot tell."""
+        world, several = self.world, self.rays > 1
+        if several or surveyed.goes_on is None or world.movers or world.face_normal is None:
+            return ()
+        return surveyed.range_m, surveyed.face
+
     def ray_pulses(self, pulse: Array) -> RayPulses:
         """Pulse number of each ray, for every footprint with several rays to a pulse."""
         shapes = [self.footprint] if self.field is None else [self.footprint, self.field]
@@ -203,13 +212,16 @@ class Stages:
         survey: bool = False,
         lines: bool = True,
         ray_pulses: RayPulses = NO_RAYS,
+        met: tuple[Array, ...] = (),
     ) -> OpticalChunk:
         """Run the optical stages: beams, hits, echoes."""
         # The background may have rays of its own: the receiver can see more than the laser lights.
         background = None
         if self.field is not None:
             background = self._background(places, pulse, seed, self.field, ray_pulses)
-        rays, paths = self._trace_rays(places, pulse, seed, self.footprint, survey=survey, ray_pulses=ray_pulses)
+        rays, paths = self._trace_rays(
+            places, pulse, seed, self.footprint, survey=survey, ray_pulses=ray_pulses, met=met
+        )
         light = echoes.gather_background([self._receive(rays, hits, seed) for hits in paths])
         if background is not None:
             ray_background = background if self.rays == 1 else transfer.repeat_lanes(background, self.rays)[0]
@@ -235,6 +247,7 @@ class Stages:
         *,
         survey: bool = False,
         ray_pulses: RayPulses = NO_RAYS,
+        met: tuple[Array, ...] = (),
     ) -> tuple[Beams, Sequence[Hits]]:
         """Trace the rays of a footprint: beams and hits, lane = pulse lane * rays + ray."""
         ray_pulse, ray = pulse, None
@@ -267,6 +280,7 @@ class Stages:
             velocity_m_s=None if place.velocity_m_s is None else place.velocity_at(rays.origin_m),
             vectors=(self.vectors or self.leans) and shape is self.footprint,
             polarisation=swing,
+            met=met,
         )
         trace_all = partial(
             trace,
@@ -337,9 +351,16 @@ class Chain:
         self._replays: dict[tuple[bool, ...], Replay] = {}
 
     def __call__(
-        self, frame: Frame, pulses: DevicePulses, seed: Seed, *, survey: bool = False, lines: bool = True
+        self,
+        frame: Frame,
+        pulses: DevicePulses,
+        seed: Seed,
+        *,
+        survey: bool = False,
+        lines: bool = True,
+        met: tuple[Array, ...] = (),
     ) -> Chunk:
-        """Start the stages for some pulses of a frame; ``survey`` and ``lines`` as in `Stages.chain`."""
+        """Start the stages for some pulses of a frame; ``survey``, ``lines`` and ``met`` as in `Stages.chain`."""
         pulse, lines = pulses.number, lines and not survey
         if self.repeats and self._stages.traced is None:
             # A recording takes arrays only, so `MotionTable` goes in as its parts and is built again inside.
@@ -354,10 +375,12 @@ class Chain:
             # before it, and an input of their kernel has an element for each.
             ray_pulses = dict(self._stages.ray_pulses(pulse))
             transfer.start([*ray_pulses.values()])
-            repeated: Chunk = self._replay(frame, survey, lines)(pulse, seed, frame.phase, place, moving, ray_pulses)
+            arguments = pulse, seed, frame.phase, place, moving, ray_pulses, met
+            repeated: Chunk = self._replay(frame, survey, lines)(*arguments)
             return repeated
         stages = self._stages.at_phase(frame.phase)
-        part = stages.chain(partial(frame.placements, pulses.departures), pulse, seed, survey=survey, lines=lines)
+        places = partial(frame.placements, pulses.departures)
+        part = stages.chain(places, pulse, seed, survey=survey, lines=lines, met=met)
         transfer.start(part.arrays())
         return part
 
@@ -381,6 +404,7 @@ class Chain:
                 place: tuple[Vector, tuple[Lanes, ...]],
                 moving: tuple[Any, ...],
                 ray_pulses: RayPulses,
+                met: tuple[Array, ...],
             ) -> Chunk:
                 paths, departures = None, None
                 if moving:
@@ -394,7 +418,7 @@ class Chain:
                     return placements(origin, paths, departures, rays, moves=moves)
 
                 return stages.at_phase(phase).chain(
-                    places, pulse, seed, survey=survey, lines=lines, ray_pulses=ray_pulses
+                    places, pulse, seed, survey=survey, lines=lines, ray_pulses=ray_pulses, met=met
                 )
 
             light = stages.ambient, stages.footprint, stages.field, stages.air, stages.crosstalk, stages.fluctuation

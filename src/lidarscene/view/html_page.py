@@ -10,7 +10,7 @@ from importlib import resources
 from pathlib import Path
 
 from ..errors import OptionWarning, warn
-from ..files.atomic import atomic_output
+from ..files.atomic import put_text
 from .page_sources import Source
 
 SCRIPTS = ("blob.js", "camera.js", "shaders.js", "renderer.js", "legend.js", "panel.js", "viewer.js")
@@ -61,8 +61,7 @@ def save(source: Source, path: Path) -> None:
                 len(text) / 1e6,
             )
         )
-    with atomic_output(path) as temporary:
-        temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
+    put_text(path, text)
 
 
 def read_static(name: str) -> str:

@@ -70,7 +70,8 @@ def test_flags_of_rays_and_lanes(mi):
     lanes = kept_lanes.lanes_where(mi.Bool(flags))
     assert lanes.numpy().tolist() == [1, 6, 7]
     retraced = kept_lanes.Retraced.from_lanes(lanes, mi.Bool(flags))
-    assert retraced.pulses(mi.UInt32(np.arange(9) * 2)).numpy().tolist() == [2, 12, 14]
+    number, (value,) = retraced.pulses(mi.UInt32(np.arange(9) * 2), [mi.Float(0.5 * np.arange(9))])
+    assert (number.numpy().tolist(), value.numpy().tolist()) == ([2, 12, 14], [0.5, 3.0, 3.5])
     assert retraced.place.numpy()[[1, 6, 7]].tolist() == [0, 1, 2]
     assert kept_lanes.lanes_where(mi.Bool(np.zeros(4, bool))) is None
 
@@ -84,7 +85,7 @@ def test_each_frame_begins_a_packet(mi):
     flags = np.isin(np.arange(40), lanes)
     retraced = kept_lanes.Retraced.from_lanes(mi.UInt32(packed), mi.Bool(flags))
     pulse = np.where(packed == none, kept_lanes.NO_PULSE, 3 * packed.astype(np.int64))
-    assert retraced.pulses(mi.UInt32(3 * np.arange(40))).numpy().tolist() == pulse.tolist()
+    assert retraced.pulses(mi.UInt32(3 * np.arange(40)))[0].numpy().tolist() == pulse.tolist()
     place = retraced.place.numpy()
     assert packed[place[flags]].tolist() == lanes
     assert not place[~flags].any()

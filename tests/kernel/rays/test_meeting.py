@@ -7,6 +7,7 @@ import pytest
 from helpers import chain
 from helpers.panes import MATERIALS, pane
 
+from lidarscene.formats.cloud_columns import attributes
 from lidarscene.kernel.device import transfer
 from lidarscene.kernel.rays.gaps import Draws
 from lidarscene.kernel.rays.meeting import Moment
@@ -14,6 +15,7 @@ from lidarscene.kernel.world.mitsuba_world import build_world
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course
 from lidarscene.rendering.simulator import Simulator
+from lidarscene.rendering.stages import Stages
 
 pytestmark = pytest.mark.usefixtures("mi")
 
@@ -32,8 +34,8 @@ def crossing():
     return chain.scene(*bodies, chain.facing(range_m=50.0, size_m=90.0, theta_deg=12.0), materials=MATERIALS)
 
 
-def test_surface_is_mitsubas():
-    """Tolerances: single precision of a few dozen metres, some ten of them in a row; directions some ten of 1."""
+def moment_and_rays():
+    """The still boxes of `crossing`, and 20,000 rays of all directions, of which some thousand meet one."""
     import mitsuba as mi
 
     world = build_world(dataclasses.replace(crossing(), bodies=crossing().bodies[:4]), wavelength_m=WAVELENGTH_M)
@@ -43,12 +45,15 @@ def test_surface_is_mitsubas():
     directions /= np.linalg.norm(directions, axis=0)
     ray = mi.Ray3f(mi.Point3f(0.0, 0.0, 0.1), mi.Vector3f(*directions.astype(np.float32)))
     zero = transfer.opaque_uint32(0)
-    meetings = [
-        Moment(world=variant, sun=(0.0, 0.0, 1.0), coherent=False, draws=Draws(seed=zero, pulse=zero, ray=zero)).meet(
-            ray
-        )
-        for variant in (world, dataclasses.replace(world, face_normal=None))
-    ]
+    draws = Draws(seed=zero, pulse=zero, ray=zero)
+    return Moment(world=world, sun=(0.0, 0.0, 1.0), coherent=False, draws=draws), ray
+
+
+def test_surface_is_mitsubas():
+    """Tolerances: single precision of a few dozen metres, some ten of them in a row; directions some ten of 1."""
+    moment, ray = moment_and_rays()
+    without = dataclasses.replace(moment, world=dataclasses.replace(moment.world, face_normal=None))
+    meetings = [moment.meet(ray), without.meet(ray)]
     valid = np.array(meetings[0].valid)
     assert 1000 < valid.sum() < len(valid)
     ours, mitsubas = (meeting.surface for meeting in meetings)
@@ -59,6 +64,37 @@ def test_surface_is_mitsubas():
     # Where the frame's other axes point has no meaning: no material of ours knows a direction in the surface.
     assert np.array(ours.wi)[2, valid] == pytest.approx(np.array(mitsubas.wi)[2, valid], abs=2e-5)
     assert np.array(ours.sh_frame.n)[:, valid] == pytest.approx(np.array(mitsubas.sh_frame.n)[:, valid], abs=2e-6)
+
+
+def test_survey_is_believed():
+    """A hit is the same from its range and face, bit by bit; without a face it is asked for."""
+    import mitsuba as mi
+
+    moment, ray = moment_and_rays()
+    asked = moment.meet(ray)
+    valid, number = np.array(asked.valid), np.arange(20_000)
+    known = valid & (number % 3 > 0)
+    face = mi.Int32(np.where(known, np.array(asked.row), -1))
+    told, off = (moment.meet(ray, True, (asked.t + extra_m, face)) for extra_m in (0.0, 0.25))
+    for name in ("prim_index", "p", "n", "wi"):
+        ours, theirs = (np.array(getattr(meeting.surface, name))[..., valid] for meeting in (told, asked))
+        np.testing.assert_array_equal(ours, theirs, name)
+    np.testing.assert_array_equal(np.array(told.valid), valid)
+    np.testing.assert_array_equal(np.array(told.row)[valid], np.array(asked.row)[valid])
+    np.testing.assert_array_equal(np.array(off.t)[valid], np.array(asked.t + mi.Float(0.25 * known))[valid])
+
+
+def test_frame_after_a_survey_is_that_of_rays_that_ask_again(monkeypatch):
+    """Of two faces at an edge a ray may meet either, by the rays beside it: of these directions there is none."""
+    still = [body for body in crossing().bodies if body.motion is None]
+    sensor = chain.sensor("table1-apd", "scanner.azimuth_step_deg=0.5", "scanner.elevation_step_deg=0.5")
+    first = Simulator(chain.scene(*still, materials=MATERIALS), sensor)
+    cloud = first.render(seed=3)
+    assert (cloud.interactions > 0).sum() > 100
+    monkeypatch.setattr(Stages, "known_hits", lambda *_: ())
+    other = Simulator(first.scene, sensor, world=first.world).render(seed=3)
+    for name in attributes(truth=True, vectors=False):
+        np.testing.assert_array_equal(getattr(cloud, name), getattr(other, name), name)
 
 
 def test_frame_is_the_same():

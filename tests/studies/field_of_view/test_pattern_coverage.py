@@ -11,10 +11,11 @@ from scipy.spatial import cKDTree
 
 from lidarscene import load_sensor, scan
 from lidarscene.maths.pose import Pose
+from lidarscene.maths.vectors import convex_hull
 from lidarscene.studies.field_of_view import field_of_view_figures as figures
 from lidarscene.studies.field_of_view import pattern_coverage, reach
 from lidarscene.studies.field_of_view import spacing as fov_spacing
-from lidarscene.studies.field_of_view.sphere_cells import SphereCells, convex_outline
+from lidarscene.studies.field_of_view.sphere_cells import SphereCells
 from lidarscene.studies.ranging.plane import Target, detection_probability, detection_range_m
 
 DEG = math.pi / 180.0
@@ -88,13 +89,15 @@ def test_a_cell_reaches_as_far_to_each_side_of_its_middle():
 def test_outline_is_the_convex_hull():
     rng = np.random.default_rng(4)
     points = rng.normal(size=(500, 2)) * (20.0, 5.0)
-    outline = convex_outline(*points.T)
+    outline = convex_hull(points)
     x, y = (np.append(a, a[0]) for a in outline.T)
     assert np.all(
         np.diff(x)[:, None] * (points[:, 1] - y[:-1, None]) - np.diff(y)[:, None] * (points[:, 0] - x[:-1, None])
         >= -1e-9
     )
     assert {tuple(p) for p in outline} <= {tuple(p) for p in points}
+    for line in (points * (1.0, 0.0), points * (0.0, 1.0), points[:, :1] * (1.0, 2.0), points[:1]):
+        assert {tuple(p) for p in convex_hull(line)} == {min(map(tuple, line)), max(map(tuple, line))}
 
 
 # --- closed forms of a raster -----------------------------------------------------------------------

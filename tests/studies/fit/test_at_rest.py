@@ -11,6 +11,7 @@ import pytest
 from helpers.mistakes import told
 from helpers.rendered_recordings import walls
 from helpers.turns_at_rest import turns_at_rest
+from helpers.twins import recording_of
 
 from lidarscene import load_scene
 from lidarscene.catalog import sensor_path
@@ -18,7 +19,6 @@ from lidarscene.errors import InputError
 from lidarscene.figures.report import Report
 from lidarscene.maths.arrays import Numbers
 from lidarscene.physics.photon_counting import shared_shots
-from lidarscene.recordings.recording import Recording
 from lidarscene.recordings.sweep import Sweep
 from lidarscene.sensor.sensor_model import Sensor
 from lidarscene.studies.fit import at_rest, binned_fit, recording_fit
@@ -414,13 +414,6 @@ def shifted(sweep: Sweep) -> Sweep:
     return replace(sweep, range_m=range_m, direction=xyz_m / range_m[:, None])
 
 
-def opener(sweeps: list[Sweep]) -> Callable[..., Recording]:
-    def open_drawn(path: Path, *_: object, **__: object) -> Recording:
-        return Recording(path=path, count=len(sweeps), read=lambda number: sweeps[number])
-
-    return open_drawn
-
-
 @pytest.fixture
 def fitted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, turns: tuple[str, list[Sweep]]
@@ -429,7 +422,7 @@ def fitted(
     (tmp_path / "base.toml").write_text(turns[0], "utf-8")
 
     def fit(sweeps: list[Sweep]) -> tuple[str, Report]:
-        monkeypatch.setattr(recording_fit, "open_recording", opener(sweeps))
+        monkeypatch.setattr(recording_fit, "open_recording", lambda path, *_, **__: recording_of(path, *sweeps))
         return fit_recordings([tmp_path / "turns"], str(tmp_path / "base.toml"))
 
     return fit

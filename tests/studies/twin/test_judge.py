@@ -185,27 +185,42 @@ def test_errors_of_the_signal_do_not_cancel_over_the_range() -> None:
         assert value_of(scaled, "signal, mean error over the range").verdict is is_met
 
 
-def test_the_simulated_signal_is_of_all_that_was_simulated() -> None:
-    """Nothing was recorded of every second pulse; simulated it is three times as strong: the mean is doubled."""
+def test_the_mean_signal_is_of_the_pulses_that_return_on_both_sides() -> None:
+    """What one side alone lost is three times as strong on the other, and stays out of both means."""
     plain = exact_pulses()
     assert plain.signal is not None
-    is_lost = np.arange(N) % 2 == 0
+    numbers = np.arange(N)
+    is_lost, is_missed = numbers % 3 == 0, numbers % 3 == 1
     rows = judge._signals(
         exact_pulses(
             range_m=with_nan(plain.range_m, is_lost),
-            signal=np.where(is_lost, 0.0, plain.signal),
-            simulated_signal=plain.signal * np.where(is_lost, 3.0, 1.0),
+            signal=plain.signal * np.where(is_missed, 3.0, np.where(is_lost, 0.0, 1.0)),
+            simulated_range_m=with_nan(plain.simulated_range_m, is_missed),
+            simulated_signal=1.1 * plain.signal * np.where(is_lost, 3.0, 1.0),
         )
     )
-    assert value_of(rows, "signal, mean").value == pytest.approx(1.0, abs=0.01)
+    assert value_of(rows, "signal, mean").value == pytest.approx(0.1, abs=1e-6)
+
+
+def test_a_mean_that_chance_moves_by_its_limit_is_not_judged() -> None:
+    """One retro-reflector of 96 pulses beyond 64 m had a third of their light and more, and was met on one side."""
+    plain = exact_pulses()
+    assert plain.signal is not None
+    octave = np.floor(np.log2(plain.range_m))
+    far = np.flatnonzero(octave == octave.max())
+    signal = np.where(np.arange(N) == far[0], plain.signal[far].sum(), plain.signal)
+    rows = list(judge._signals(exact_pulses(signal=signal, simulated_signal=plain.signal)))
+    assert value_of(rows, "signal, error in the worst octave of the range").value == pytest.approx(0.0, abs=1e-6)
+    met = judge._signals(exact_pulses(signal=signal, simulated_signal=signal * 1.2))
+    assert value_of(list(met), "signal, error in the worst octave of the range").value == pytest.approx(0.2, abs=1e-6)
 
 
 def test_clusters_stand_beside_those_of_the_columns_that_made_the_twin() -> None:
-    """Five poles on a circle of 10 m: the simulated cloud has all of them, the recorded other columns four."""
+    """Thirty poles on a circle of 10 m: the simulated cloud has all of them, the recorded columns four in five."""
     x, y, z = (axis.ravel() for axis in np.meshgrid(*(0.15 * (np.arange(n) + 0.5) for n in (2, 2, 9))))
-    angle = np.radians(np.repeat(np.arange(0.0, 360.0, 72.0), len(x)))
+    angle = np.radians(np.repeat(np.arange(0.0, 360.0, 12.0), len(x)))
     points_m = np.stack([10.0 * np.cos(angle), 10.0 * np.sin(angle), np.zeros_like(angle)], axis=-1)
-    points_m += np.tile(np.stack([x, y, z], axis=-1), (5, 1))
+    points_m += np.tile(np.stack([x, y, z], axis=-1), (30, 1))
     n = len(points_m)
     here = pulses(
         range_m=np.r_[np.ones(n), np.full(N - n, np.nan)], simulated_range_m=np.r_[np.ones(n), np.full(N - n, np.nan)]
@@ -217,8 +232,8 @@ def test_clusters_stand_beside_those_of_the_columns_that_made_the_twin() -> None
     )
     row = judge._clusters(replace(here, xyz_m=cloud_m, simulated_xyz_m=cloud_m), sweep)
     assert (row.simulated, row.reference, row.value) == (1.0, 0.8, 1.25)
-    assert row.condition == "of 5, real: in what the twin is made of"
-    assert judge._clusters(replace(here, xyz_m=cloud_m, simulated_xyz_m=cloud_m)).condition == "of 5"
+    assert row.condition == "of 30, real: in what the twin is made of"
+    assert judge._clusters(replace(here, xyz_m=cloud_m, simulated_xyz_m=cloud_m)).condition == "of 30"
 
 
 def test_ranges_without_a_recorded_signal_have_no_error() -> None:

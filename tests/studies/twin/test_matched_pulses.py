@@ -386,6 +386,20 @@ def test_changes_are_of_smooth_surfaces_and_gaps_have_no_sign(
     np.testing.assert_allclose(laid.gap_m[laid.has_return], 1.0, rtol=1e-6)
 
 
+@pytest.mark.parametrize(("name", "keep"), [("os1-128", "strongest"), ("vls-128", "strongest_and_last")])
+def test_a_catalogue_sensor_reports_as_many_returns_as_were_recorded(
+    room_twin: RoomTwin, name: str, keep: str, tmp_path: Path
+) -> None:
+    """Rationale: a dual-return Velodyne was judged with one stop, and missed its second returns."""
+    sweep = room_twin[0][0]
+    for second, expected in ((None, (1, load_sensor(name).tdc.keep)), (Second(range_m=sweep.range_m + 1.0), (2, keep))):
+        recording = recording_of(tmp_path / "unit.pcap", replace(sweep, second=second))
+        printed = build_twin(recording, TwinFrames(frames=(0,)), tmp_path / "twin", sensor=name)
+        tdc = load_sensor(str(tmp_path / "twin" / "sensor.toml")).tdc
+        assert (tdc.stops, tdc.keep) == expected
+        assert ("--rays" in printed) is (second is not None)
+
+
 @pytest.mark.parametrize(("stops", "rays"), [(1, 1), (2, 16)])
 def test_a_second_return_needs_several_rays(
     room_twin: RoomTwin, stops: int, rays: int, monkeypatch: pytest.MonkeyPatch

@@ -53,9 +53,10 @@ def test_noise_of_intensities_has_the_energy_and_the_steps() -> None:
 @pytest.mark.parametrize("shared", [1, 4])
 @pytest.mark.parametrize("texture", [0.0, 1.0, 3.0])
 def test_a_surface_keeps_its_texture_and_no_noise(texture: float, shared: int) -> None:
-    """The deviations from the mean of a row's neighbours have the mean square that the texture alone has, to 4 %. Of
-    mere noise some is left, since the mean square of 15 deviations is above its expectation in half of the places; its
-    square is less than 0.4 of the recorded, and a mean of 15 pixels is smooth, too.
+    """The deviations from the mean of a row's neighbours have the mean square that the texture alone has, to 4 %.
+
+    Of mere noise 1 to 2 % is left, 16 to 19 % before places below its mean square made up for those above. A mean of
+    15 pixels keeps 7 % of it, and 24 % of what four columns share.
     """
     weights = np.ones(shared)
     correlation = np.maximum(1.0 - np.arange(LAGS) / shared, 0.0)
@@ -66,10 +67,10 @@ def test_a_surface_keeps_its_texture_and_no_noise(texture: float, shared: int) -
         return float(np.mean((values - np.mean([np.roll(values, k, axis=1) for k in range(-2, 3)], axis=0)) ** 2))
 
     noise = rough(rows_of_noise(2, weights))
-    assert rough(kept) == pytest.approx(rough(surface), rel=0.04, abs=0.4 * noise)
+    assert rough(kept) == pytest.approx(rough(surface), rel=0.04, abs=(0.4 if texture else 0.08) * noise)
     assert rough(kept) < rough(surface + rows_of_noise(2, weights))
     if texture == 0.0:
-        assert np.var(kept) < 0.4 * np.var(rows_of_noise(2, weights))
+        assert np.var(kept) < (0.12 if shared == 1 else 0.27) * np.var(rows_of_noise(2, weights))
 
 
 def test_pixels_without_neighbours_stay_as_recorded() -> None:

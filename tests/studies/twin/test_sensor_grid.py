@@ -52,6 +52,18 @@ def in_order(xyz_m: Any, row: Any) -> Any:
     return values[np.lexsort(values.round(6).T)]
 
 
+@pytest.mark.parametrize("by_ring", [False, True])
+def test_a_list_in_eight_rows_is_no_grid(by_ring: bool) -> None:
+    """Rationale: a file of 8 rows, each of a part of the points, was taken for a turn of 8 lasers."""
+    sensor = small("vlp-16")
+    xyz_m, channel = points_of(sensor)
+    if by_ring:
+        xyz_m = xyz_m[np.argsort(channel, kind="stable")]
+    in_rows = list_of(xyz_m.reshape(8, -1, 3))
+    assert not has_grid(in_rows)
+    assert np.array_equal(on_grid(in_rows, sensor.scanner).range_m, on_grid(list_of(xyz_m), sensor.scanner).range_m)
+
+
 @pytest.mark.parametrize("has_rings", [False, True])
 @pytest.mark.parametrize("name", ["vlp-16", "hdl-64e"])
 def test_every_point_has_a_pixel_in_the_row_of_its_channel(name: str, has_rings: bool) -> None:

@@ -103,6 +103,7 @@ class Interaction(Protocol):
 class Hit(Protocol):
     """`mitsuba.PreliminaryIntersection3f`: distance, shape, triangle and place on it only."""
 
+    valid: Array
     t: Lanes
     shape: Any
     prim_index: Array

@@ -93,14 +93,20 @@ class Retraced:
         dr.scatter(place, dr.arange(mi.UInt32, dr.width(lanes)), lanes, lanes != NO_LANE)
         return cls(lanes, place, mask)
 
-    def pulses(self, pulse: Array) -> Any:
-        """Return the pulse numbers of these lanes, (m,), computed together with ``place``."""
+    def pulses(self, pulse: Array, others: Sequence[Array] = ()) -> tuple[Any, tuple[Any, ...]]:
+        """Return pulse numbers and other values of these lanes, (m,) each, computed together with ``place``.
+
+        Args:
+            pulse: (n,) of all lanes
+            others: (n,) each; 0 on `NO_LANE`
+        """
         import drjit as dr
 
-        mi, is_lane = mitsuba(), self.lanes != NO_LANE
-        number = dr.select(is_lane, dr.gather(mi.UInt32, pulse, self.lanes, is_lane), NO_PULSE)
-        dr.eval(number, self.place)
-        return number
+        is_lane = self.lanes != NO_LANE
+        number, *values = (dr.gather(type(own), own, self.lanes, is_lane) for own in (pulse, *others))
+        number = dr.select(is_lane, number, NO_PULSE)
+        dr.eval(number, self.place, *values)
+        return number, tuple(values)
 
     def replace(self, flag: Mask, values: Mask) -> Any:
         """Return (n,) flags with those of the lanes traced again, ``values`` (m,), in their places."""

@@ -121,9 +121,13 @@ class Moment:
         assert self.world.speculars is not None
         return self.world.speculars
 
-    def meet(self, ray: Ray, active: Mask = True) -> Meeting:
-        """Return the nearest surface of each active ray, panes left out. Rays are in the traced frame."""
-        return self._nearest(ray, active, self.world.scene, self.world.mover_scene)
+    def meet(self, ray: Ray, active: Mask = True, met: tuple[Array, ...] = ()) -> Meeting:
+        """Return the nearest surface of each active ray, panes left out. Rays are in the traced frame.
+
+        Args:
+            met: `Firing.met`
+        """
+        return self._nearest(ray, active, self.world.scene, self.world.mover_scene, met)
 
     def pane(self, ray: Ray, before: Lanes, active: Mask) -> Meeting:
         """Return the nearest pane or porous surface of each active ray, at most ``before`` metres away."""
@@ -137,12 +141,15 @@ class Moment:
         """Return whether each active ray meets a pane or porous surface, at most ``before`` metres away if given."""
         return self._meets_any(_cut_to_length(ray, before), active, self.world.panes, self.world.mover_panes)
 
-    def _nearest(self, ray: Ray, active: Mask, still: TracedScene | None, movers: MoverScene | None) -> Meeting:
+    def _nearest(
+        self, ray: Ray, active: Mask, still: TracedScene | None, movers: MoverScene | None, met: tuple[Array, ...] = ()
+    ) -> Meeting:
         """Return the nearest surface in two Mitsuba scenes.
 
         Args:
             still: of what stands still, in the traced frame; None: empty
             movers: of what moves; None: empty
+            met: `Firing.met`
         """
         import drjit as dr
 
@@ -153,7 +160,10 @@ class Moment:
         else:
             # A preliminary intersection has distance, shape and triangle only. The full one calls each shape's own
             # code through a table; it is made once, of the nearest hit.
-            first = still.ray_intersect_preliminary(ray, coherent=self.coherent, active=active)
+            unknown = active & (met[1] < 0) if met else active
+            first = still.ray_intersect_preliminary(ray, coherent=self.coherent, active=unknown)
+            if met:
+                first = self._with_met(first, *met)
         mover_index = mi.Int32(-1)
         if movers is not None:
             # What is behind the nearest hit so far is not asked.
@@ -181,6 +191,18 @@ class Moment:
             placement=placement,
             is_mover=mover_index >= 0,
         )
+
+    def _with_met(self, first: Hit, range_m: Array, face: Array) -> Any:
+        """Return hits in a still world of plain meshes with those that a survey has found, where ``face`` is not -1."""
+        import drjit as dr
+
+        mi, known = mitsuba(), face >= 0
+        number = mi.UInt32(dr.gather(mi.Float, self.world.face_normal, 4 * face + 3, known))
+        in_shape = mi.UInt32(face) - dr.gather(mi.UInt32, self.world.first_face, number, known)
+        first.valid, first.t = known | first.valid, dr.select(known, range_m, first.t)
+        first.shape = dr.select(known, dr.reinterpret_array(mi.ShapePtr, number), first.shape)
+        first.prim_index = dr.select(known, in_shape, first.prim_index)
+        return first
 
     def _in_mover_frame(
         self, ray: Ray, mover_index: Array, movers: MoverScene | None, first: Hit, shape: Array, face: Array

@@ -51,6 +51,7 @@ class Firing:
         housing_m: radius of the sensor itself: what is nearer is no hit
         vectors: whether to return normals and velocities of the surfaces
         polarisation: axis across each ray along which its light swings, and the share of it that does; None: left out
+        met: (range_m, face) of these rays' `Hits` in a survey, which are not asked for again; () without one
     """
 
     seed: Seed = 0
@@ -61,6 +62,7 @@ class Firing:
     aim: Aim | None = None
     vectors: bool = False
     polarisation: tuple[Vector, Lanes] | None = None
+    met: tuple[Array, ...] = ()
 
 
 def trace(
@@ -110,7 +112,7 @@ def trace(
         return (_survey(moment, first, moment.meet(ray, firing.active), firing),)
     if world.speculars is not None and firing.polarisation is not None:
         first = dataclasses.replace(first, polarised=PolarisedBeam.start(*firing.polarisation))
-    paths = _follow_paths(moment, first, interactions, firing.active)
+    paths = _follow_paths(moment, first, interactions, firing)
 
     def sunshine(ray: Ray, sunny: Mask) -> tuple[Any, Lanes]:
         return _sunshine(moment, ray, sunny, interactions)
@@ -139,10 +141,10 @@ def _survey(moment: Moment, path: BeamPath, meeting: Meeting, firing: Firing) ->
     return dataclasses.replace(hits, goes_on=goes_on)
 
 
-def _follow_paths(moment: Moment, path: BeamPath, interactions: int, active: Mask) -> list[tuple[BeamPath, Meeting]]:
+def _follow_paths(moment: Moment, path: BeamPath, interactions: int, firing: Firing) -> list[tuple[BeamPath, Meeting]]:
     """Return each path of the rays, with the surface at its end: one path, or two in a world with panes."""
-    mi = mitsuba()
-    meeting, speculars = moment.meet(path.ray, active), moment.world.speculars
+    mi, active = mitsuba(), firing.active
+    meeting, speculars = moment.meet(path.ray, active, firing.met), moment.world.speculars
     if speculars is None:
         return [(path, meeting)]
     if not interactions:

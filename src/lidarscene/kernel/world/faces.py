@@ -152,13 +152,14 @@ class FaceTables:
         if not all(shape.is_plain for shape, _ in self._first):
             return None
         table = dr.zeros(mi.Float, 4 * self._faces)
-        for shape, start in self._first:
+        for shape, first in self._first:
             vertices, faces = shape.shape.vertex_positions_buffer(), shape.shape.faces_buffer()
             number = dr.arange(mi.UInt32, len(shape.face_body))
             a, b, c = (dr.gather(mi.Point3f, vertices, dr.gather(mi.UInt32, faces, 3 * number + i)) for i in range(3))
             normal = dr.normalize(dr.cross(b - a, c - a))
-            # The start is opaque, or each shape would compile a kernel of its own.
-            dr.scatter(table, mi.Vector4f(*normal, 0.0), number + transfer.opaque_uint32(start))
+            # Numbers are opaque, or each shape would compile a kernel of its own.
+            start, shape_number = (transfer.opaque_uint32(value) for value in (first, registry_number(shape.shape)))
+            dr.scatter(table, mi.Vector4f(*normal, shape_number), number + start)
         dr.eval(table)
         return table
 

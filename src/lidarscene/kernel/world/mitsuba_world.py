@@ -95,8 +95,8 @@ class World:
         bsdf_index: as `first_face`
         shape_reflectivity: as `first_face`
         shape_transmittance: as `first_face`
-        face_normal: (4 f,) Float, unit normal of each face and one number of padding. None if some shape is not a mesh
-            of flat triangles
+        face_normal: (4 f,) Float, unit normal of each face and the registry number of its shape, below 2^24. None if
+            some shape is not a mesh of flat triangles
         face_body: (f + m s,) Int32, index into ``body_names``
         face_material: (f + m s,) Int32, index into ``material_names``
         body_class: (b,) Int32, index into ``class_names``

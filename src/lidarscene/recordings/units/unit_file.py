@@ -123,10 +123,13 @@ def unit_text(unit: Unit, source: Path, *, like: str | None = None) -> tuple[str
 
 
 def with_second_returns(text: str) -> str:
-    """Let a sensor file that counts photons report two returns, the strongest first, as an Ouster's dual mode does."""
-    if get_value(text, ("histogram",)) is None:
-        return text
-    return put_values(text, {("histogram", "stops"): 2, ("histogram", "keep"): "strongest"})
+    """Let the sensor of a file report two returns, as makers do in dual mode.
+
+    Ouster's are the two strongest; the others' are the strongest and the last (Velodyne's and Hesai's manuals).
+    """
+    if get_value(text, ("histogram",)) is not None:
+        return put_values(text, {("histogram", "stops"): 2, ("histogram", "keep"): "strongest"})
+    return put_values(text, {("tdc", "stops"): 2, ("tdc", "keep"): "strongest_and_last"})
 
 
 def _file_text(unit: Unit, source: Path, model: str, text: str) -> tuple[str, list[str]]:

@@ -29,7 +29,7 @@ from ...sensor.sensor_model import Sensor
 from .. import published_values
 from ..eye_safety.exposure import stationary_train
 from ..eye_safety.eye_safety_report import EyeSafetyReport, eye_safety_report, not_known
-from ..field_of_view.pattern_coverage import cell_maps, field_cells, fired_pulses
+from ..field_of_view.pattern_coverage import CellMaps, cell_maps, field_cells, fired_pulses
 from ..field_of_view.sphere_cells import SphereCells
 from ..ranging import equal_terms, plane, statistics
 from ..ranging.curves import with_haze
@@ -355,17 +355,14 @@ def _of_cells(formula: Callable[[GeigerDetector], Lanes]) -> Formula:
     return value
 
 
-def _coverage(sensor: Sensor, entry: QuantityFile) -> float:
+def _cell_maps(sensor: Sensor, entry: QuantityFile) -> CellMaps:
     cells = SphereCells.of_size(entry.cell_deg)
     mask, _ = field_cells(sensor.scanner, cells, entry.time_s)
-    maps = cell_maps(fired_pulses(sensor.scanner, entry.time_s), cells, mask)
-    return float(maps.coverage(np.array([entry.time_s]))[0])
+    return cell_maps(fired_pulses(sensor.scanner, entry.time_s), cells, mask)
 
 
 def _revisit_s(sensor: Sensor, entry: QuantityFile) -> float:
-    cells = SphereCells.of_size(entry.cell_deg)
-    mask, _ = field_cells(sensor.scanner, cells, entry.time_s)
-    revisit_s = cell_maps(fired_pulses(sensor.scanner, entry.time_s), cells, mask).revisit_s
+    revisit_s = _cell_maps(sensor, entry).revisit_s
     return float(np.nanmean(revisit_s)) if np.isfinite(revisit_s).any() else math.inf
 
 
@@ -393,6 +390,6 @@ _FORMULAS: dict[str, Formula] = {
     "data_rate_mbit_s": lambda sensor, entry: (
         1e-6 * published_values.points_per_second(sensor) * sensor.tdc.stops * entry.bits_per_point
     ),
-    "coverage": _coverage,
+    "coverage": lambda sensor, entry: float(_cell_maps(sensor, entry).coverage(np.array([entry.time_s]))[0]),
     "revisit_s": _revisit_s,
 }

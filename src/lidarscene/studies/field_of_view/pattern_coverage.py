@@ -12,9 +12,10 @@ import numpy as np
 
 from ...errors import OptionError
 from ...maths.arrays import Numbers
+from ...maths.vectors import convex_hull
 from ...scan import Scanner
 from ..ranging.aperture_laws import shares
-from .sphere_cells import SphereCells, convex_outline
+from .sphere_cells import SphereCells
 
 MOST_PULSES = 20_000_000
 
@@ -100,7 +101,7 @@ def field_cells(scanner: Scanner, cells: SphereCells, time_s: float, *, kind: st
     reached = np.unique(cells.locate(pulses.azimuth_deg, pulses.elevation_deg))
     if kind == "reached":
         return reached, watched_s
-    inside = cells.within(convex_outline(pulses.azimuth_deg, pulses.elevation_deg))
+    inside = cells.within(convex_hull(np.column_stack([pulses.azimuth_deg, pulses.elevation_deg])))
     return np.union1d(inside, reached), watched_s
 
 

@@ -1,4 +1,4 @@
-"""Cells of equal solid angle on the sphere of directions, and the convex outline of a field of view.
+"""Cells of equal solid angle on the sphere of directions.
 
 Coverage needs cells of equal size that do not beat with the raster. Rows are ``size_deg`` high in elevation; each is
 cut into the whole number of columns that makes its cells nearest to square. So every cell has the solid angle
@@ -92,33 +92,3 @@ class SphereCells:
         for (x, y), (next_x, next_y) in zip(outline, np.roll(outline, -1, axis=0), strict=True):
             inside &= (next_x - x) * (elevation - y) - (next_y - y) * (azimuth - x) >= -1e-9
         return np.asarray(cell[inside])
-
-
-def convex_outline(azimuth_deg: Numbers, elevation_deg: Numbers) -> Numbers:
-    """Corners (n, 2) of the convex hull of these angles, counter-clockwise.
-
-    The method is Andrew's monotone chain (Inf. Process. Lett. 9 (1979) 216). To have fewer points to sort, rows are
-    reduced first: of the points within 0.001 degrees of one elevation only the two ends can be corners.
-    """
-    row = np.rint(elevation_deg / 1e-3).astype(np.int64)
-    order = np.lexsort((azimuth_deg, row))
-    starts = np.flatnonzero(np.diff(row[order], prepend=row[order][0] - 1))
-    ends = np.append(starts[1:], len(order)) - 1
-    candidates = order[np.unique(np.concatenate([starts, ends]))]
-    # The highest and the lowest point too: within the 0.001 degrees of a row they may lie between its ends.
-    candidates = np.append(candidates, [np.argmax(elevation_deg), np.argmin(elevation_deg)])
-    points = np.unique(np.column_stack([azimuth_deg[candidates], elevation_deg[candidates]]), axis=0)
-    return np.array(_chain(points) + _chain(points[::-1])) if len(points) > 2 else points
-
-
-def _chain(points: Numbers) -> list[tuple[float, float]]:
-    """One side of the hull of sorted points, without its last corner."""
-    chain: list[tuple[float, float]] = []
-    for x, y in points.tolist():
-        while len(chain) > 1:
-            (a, b), (c, d) = chain[-2:]
-            if (c - a) * (y - b) - (d - b) * (x - a) > 0.0:
-                break
-            chain.pop()
-        chain.append((x, y))
-    return chain[:-1]

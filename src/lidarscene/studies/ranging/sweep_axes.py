@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from ...errors import OptionError, did_you_mean, question
+from ...files.toml import model_of
 from ...maths.arrays import Numbers
 from ...maths.units import keys_like, split_unit
 from ...sensor.sensor_file import SensorFile
@@ -155,16 +156,8 @@ def _numeric(model: type[BaseModel], tables: Mapping[str, Any], prefix: str) -> 
     for name, info in model.model_fields.items():
         key, value = prefix + (info.alias or name), tables.get(info.alias or name)
         types = list(_types(info.annotation))
-        models = [
-            kind_of_value
-            for kind_of_value in types
-            if isinstance(kind_of_value, type) and issubclass(kind_of_value, BaseModel)
-        ]
-        if models and isinstance(value, Mapping):
-            kind = value.get("type")
-            fitting = [table_model for table_model in models if len(models) == 1 or kind in _literals(table_model)]
-            for table_model in fitting[:1]:
-                yield from _numeric(table_model, value, key + ".")
+        if isinstance(value, Mapping) and (table_model := model_of(info.annotation, value)) is not None:
+            yield from _numeric(table_model, value, key + ".")
         elif (float in types or int in types) and not isinstance(value, (list, tuple, str, bool, Mapping)):
             value = info.default if value is None else value
             limits = {
@@ -194,11 +187,6 @@ def _types(annotation: Any) -> Iterator[Any]:
         yield annotation
     for argument in arguments:
         yield from _types(argument)
-
-
-def _literals(model: type[BaseModel]) -> tuple[Any, ...]:
-    field = model.model_fields.get("type")
-    return tuple(getattr(field.annotation, "__args__", ())) if field else ()
 
 
 def _unknown_key_text(key: str, where: str, tables: Mapping[str, Any]) -> str:

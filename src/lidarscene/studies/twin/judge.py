@@ -34,11 +34,15 @@ LEAST_SCATTERED = 600
 sigma of 6 %, by simulation 1.46 over the root of the number: one of 2,000 is beyond the limits by chance, so that the
 worst of 20 bins hardly ever is."""
 
+MOST_SIGMA = 0.05
+"""Choice: largest relative sigma of the difference of two mean signals: a third of its limit."""
+
 LEAST_LOSSES = 100
 """Least number of losses of which a share is held to a limit: that of one pulse in ten is good to 3 %."""
 
-LEAST_CLUSTERS = 5
-"""Least number of recorded clusters of which a share is held to a limit."""
+LEAST_CLUSTERS = 30
+"""Least number of recorded clusters of which a share is held to a limit: the ratio of two shares of nine in ten is good
+to 8 %."""
 
 CLIPPED_DEVIATION = 0.98658
 """Source: normal distribution; deviation of a number of it that is cut off at 3 sigma, (1 - 6 phi(3) / P(|z| <
@@ -210,17 +214,20 @@ def _signals(pulses: MatchedPulses) -> Iterator[Held]:
 
 
 def mean_signals(pulses: MatchedPulses, edges_m: Numbers) -> list[tuple[float, float, float, float]]:
-    """Mean signal of both sides between these ranges, where both have enough returns: (low, high, real, simulated)."""
+    """Mean signal of the pulses that return on both sides between these ranges: (low, high, real, simulated).
+
+    Losses have rows of their own. Here the pulses that one side lost, the weakest, would raise its mean.
+    """
     assert pulses.signal is not None
-    rows = []
+    both_mask, rows = pulses.has_return & pulses.has_simulated_return, []
     for low, high in itertools.pairwise(edges_m.tolist()):
-        of_real = (pulses.range_m >= low) & (pulses.range_m < high)
-        of_simulated = (pulses.simulated_range_m >= low) & (pulses.simulated_range_m < high)
-        if of_real.sum() < LEAST_PULSES or of_simulated.sum() < LEAST_PULSES:
+        of_bin = both_mask & (pulses.range_m >= low) & (pulses.range_m < high)
+        if of_bin.sum() < LEAST_PULSES:
             continue
-        real = float(np.mean(pulses.signal[of_real]))
-        if real > 0.0:  # recorders write 0 for what they lack
-            rows.append((low, high, real, float(np.mean(pulses.simulated_signal[of_simulated]))))
+        signal, simulated = pulses.signal[of_bin], pulses.simulated_signal[of_bin]
+        real, sigma = float(np.mean(signal)), float(np.std(simulated - signal)) / np.sqrt(len(signal))
+        if real > 0.0 and sigma <= MOST_SIGMA * real:  # recorders write 0 for what they lack
+            rows.append((low, high, real, float(np.mean(simulated))))
     return rows
 
 

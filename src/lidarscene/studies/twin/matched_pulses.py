@@ -116,7 +116,7 @@ def simulate_pulses(
     # Clouds have the returns of a pulse in order of time, recordings of the strongest ones these first: by the photons
     # that were counted. Of other receivers a cloud has no amplitude, but its mean.
     counted = cloud.snr if sensor.histogram is None else cloud.signal
-    first, second = _by_pulse(of_points, n, counted if sensor.tdc.keep == "strongest" else None)
+    first, second = _by_pulse(of_points, n, counted if sensor.tdc.keep.startswith("strongest") else None)
     range_m, other_m = (_at_points(cloud.range_m, point_index) for point_index in (first, second))
     true_range_m, reflectivity, kind = np.full(n, np.nan), np.full(n, np.nan), np.full(n, NO_SURFACE)
     kinds = np.array([KINDS.index(name) if name in KINDS else SMOOTH for name in simulator.class_names])

@@ -14,7 +14,7 @@ import numpy as np
 from ...errors import InputError
 from ...maths.arrays import Numbers, map_arrays
 from ...recordings.sweep import Sweep
-from .tuning import LEAST_COS, LEAST_SHARE, MOST_OFF_M, NEAR_SHARE, REACH_RAD, SCALES_M, SMOOTH_COS
+from .tuning import LEAST_COS, LEAST_SHARE, MOST_OFF_M, MOST_TURNS, NEAR_SHARE, REACH_RAD, SCALES_M, SMOOTH_COS
 
 LARGEST_REACH = 3
 """Largest number of rings or columns to each side."""
@@ -86,8 +86,16 @@ def map_sweep(take: Callable[[Numbers], Numbers], sweep: Sweep) -> Sweep:
 
 
 def has_grid(sweep: Sweep) -> bool:
-    """True if a sweep has rows and columns, and the directions of lost pulses, too."""
-    return len(sweep.shape) == 2 and min(sweep.shape) > 1 and not np.isnan(sweep.direction).any()
+    """True if a sweep has rows and columns, and the directions of lost pulses, too.
+
+    A list that a file has in rows is none: a laser's row keeps its elevation, and goes around once.
+    """
+    if len(sweep.shape) != 2 or min(sweep.shape) < 2 or np.isnan(sweep.direction).any():
+        return False
+    azimuth, elevation = angles_from(sweep.direction)
+    turned = np.abs(np.unwrap(azimuth, axis=1)[:, -1] - azimuth[:, 0])
+    once = np.median(turned) < MOST_TURNS * 2.0 * math.pi
+    return bool(once and elevation.std(axis=1).mean() <= elevation.std(axis=0).mean())
 
 
 def align_columns(sweep: Sweep) -> Grid:

@@ -4,7 +4,9 @@ A twin that has the recorded noise in its surfaces would have it twice: once mor
 lack what is real. So a deviation e from the smooth surface keeps the part of its mean square that the sensor's noise
 sigma leaves, and the simulated readings vary as much as the recorded ones:
 
-.. math:: e' = e \sqrt{\max(0,\ 1 - \sigma^2 / \overline{e^2})} \tag{T208a}
+.. math:: e' = e \sqrt{1 - \sigma^2 / \overline{e^2}} \tag{T208a}
+
+and nothing where mean squares are those of noise, together (`_mere_noise`).
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from ...sensor.sensor_model import Sensor
 from ..ranging.plane import Target, echoes_of_plane, fluctuation_variance
 from .apparent_reflectivity import board, white_signal
 from .planes import Grid, Planes, shifted
-from .tuning import ALONG, FAR_M, LEAST_COS, MOST_BEAM_M, NOISE_BINS, NOISE_SHOTS
+from .tuning import ALONG, FAR_M, LEAST_COS, MOST_BEAM_M, MOST_BY_CHANCE, NOISE_BINS, NOISE_SHOTS
 
 LAGS = sum(ALONG)
 """Pixels of a row that share in the mean of a mean."""
@@ -188,11 +190,22 @@ def without_noise(values: Numbers, sigma: Numbers, correlation: Numbers) -> Numb
         left = (weights - mean_weights) @ shared @ (weights - mean_weights)  # of the noise's square
         off = rest - mean
         with np.errstate(divide="ignore", invalid="ignore"):
-            share = np.sqrt(np.maximum(1.0 - left * _mean(sigma**2, along, 0) / _mean(off * off, along, 1), 0.0))
+            ratio = _mean(off * off, along, 1) / (left * _mean(sigma**2, along, 0))
+            share = np.sqrt(np.where(ratio <= _mere_noise(ratio), 0.0, 1.0 - 1.0 / ratio))
         known = np.isfinite(share * off)
         surface = np.where(known, surface + share * off, surface)
         weights, rest = mean_weights, np.where(known, mean, rest)
     return np.asarray(surface + rest)
+
+
+def _mere_noise(ratio: Numbers) -> float:
+    """Largest ratio up to which mean squares are together those of the noise alone.
+
+    The mean square of a few deviations scatters. If each kept what is above the noise's, and those below it nothing,
+    mere noise would leave a texture.
+    """
+    ordered = np.sort(ratio[ratio < MOST_BY_CHANCE])
+    return float(ordered[np.cumsum(ordered - 1.0) <= 0.0].max(initial=1.0))
 
 
 def _mean(values: Numbers, along: int, rows: int) -> Numbers:

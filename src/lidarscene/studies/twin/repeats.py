@@ -202,16 +202,18 @@ def kept_by_bin(
 
 
 def kept_at_rest(pulses: MatchedPulses, mask: Numbers) -> Held:
-    """Worst octave of the range of the share that is kept.
+    """Worst octave of the range of the share that is kept on smooth surfaces.
+
+    Of a surface that one pixel meets alone the twin has one reading, and of those near the threshold the strong ones.
 
     Args:
         pulses: of all frames
         mask: pulses that returned in the frame that the twin is made of: they met something there on either side
     """
-    met = pulses.select(mask)
+    met = pulses.select(mask & (pulses.kind == SMOOTH))
     sides = met.has_return, met.has_simulated_return
     shares = kept_by_bin(*sides, met.true_range_m, OCTAVES_M, least=LEAST_SCATTERED)
-    quantity = "share kept at rest, worst octave of the range"
+    quantity = "share kept at rest on smooth surfaces, worst octave of the range"
     if not shares:
         return Held(quantity=quantity, limits=LIMITS["kept share"])
     return held_share(quantity, *max(shares, key=lambda row: abs(row[3] - row[2])))

@@ -154,8 +154,8 @@ def _apparent(grid: Grid, gauge: ReflectivityGauge | None, planes: Planes) -> Nu
 def _reflectivity_bound(grid: Grid, gauge: ReflectivityGauge, range_m: Numbers) -> Numbers:
     """Largest apparent reflectivity that the strength of a lost pulse allows; inf where nothing is known of it.
 
-    Ousters report the highest peak of a pulse even if they lost it. In profiles without SIGNAL the threshold of their
-    NEAR_IR stands for it.
+    Ousters report the highest peak of a pulse even if they lost it. Where SIGNAL is 0 or not recorded, the threshold of
+    their NEAR_IR stands for it.
     """
     sweep = grid.sweep
     if not sweep.includes_lost:
@@ -163,9 +163,9 @@ def _reflectivity_bound(grid: Grid, gauge: ReflectivityGauge, range_m: Numbers) 
     # No echo of the surface is stronger than the threshold that lost it: a higher peak is other light.
     threshold = threshold_of(sweep, gauge.sensor)
     if gauge.field == "signal" and sweep.signal is not None:
-        peak = replace(sweep, signal=np.fmin(sweep.signal, threshold))
-        allowed = gauge.apparent(peak, np.nan_to_num(range_m, nan=1.0))
-        allowed[~(np.nan_to_num(sweep.signal) > 0.0)] = np.inf
+        peak = np.fmin(np.where(sweep.signal > 0.0, sweep.signal, np.inf), threshold)
+        allowed = gauge.apparent(replace(sweep, signal=peak), np.nan_to_num(range_m, nan=1.0))
+        allowed[np.isinf(peak)] = np.inf
     elif gauge.field == "reflectivity" and gauge.sensor is not None:
         allowed = threshold / white_signal(gauge.sensor, np.nan_to_num(range_m, nan=1.0).clip(*RANGES_M))
     else:

@@ -8,6 +8,9 @@ import numpy as np
 
 # planes
 
+MOST_TURNS = 1.5
+"""Choice: most turns that a row of a grid goes around: one and a piece of the next; a row of two rings goes two."""
+
 REACH_RAD = math.radians(0.5)
 """Choice: reach of a window to each side, but at least to the next ring and the second next column."""
 
@@ -145,6 +148,10 @@ BEAM_SHARE = 0.5
 
 ALONG = (5, 15)
 """Choice: pixels of a row whose mean is smooth, and of those means whose mean is smoother."""
+
+MOST_BY_CHANCE = 3.0
+"""Choice: mean square of fifteen deviations over the noise's that is of a surface, however quiet all others are: of
+eight independent ones a thousandth exceed it."""
 
 NOISE_SHOTS, NOISE_BINS = 8192, 16
 """Accuracy bought: pairs of shots that tell a sensor's noise to 3 % in each bin of the power, and the bins."""

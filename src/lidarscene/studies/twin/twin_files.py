@@ -134,13 +134,14 @@ def build_twin(
     if not any(sweeps[number].has_return.any() for number in choice.frames):
         raise InputError(f"{recording.path}: the frames of a twin must have returns, got none")
     if sensor is None:
-        has_second = sweeps[choice.judged_frame].second is not None
-        notes = [_unit_file(recording, folder / SENSOR, metadata, sensor_index, has_second)]
+        notes = [_unit_file(recording, folder / SENSOR, metadata, sensor_index)]
     else:
         notes = [_copy_sensor(sensor, folder / SENSOR, sweeps[choice.judged_frame], recording.path.name)]
-    unit = load_sensor(str(folder / SENSOR))
-    if unit.tdc.stops > 1 and sweeps[choice.judged_frame].second is not None:
+    if sweeps[choice.judged_frame].second is not None:
+        if load_sensor(str(folder / SENSOR)).tdc.stops == 1:
+            put_text(folder / SENSOR, with_second_returns((folder / SENSOR).read_text(encoding="utf-8")))
         notes.append(f"second returns take several rays of a pulse: lidarscene render {folder / SCENE} --rays {RAYS}")
+    unit = load_sensor(str(folder / SENSOR))
     sweeps = {number: on_grid(sweep, unit.scanner) for number, sweep in sweeps.items()}
     places = place_frames(sweeps, choice.frames[0])
     parts, klux, border = [], [], BORDER if choice.held_out == COLUMNS else 0.0
@@ -227,16 +228,13 @@ def _copy_sensor(sensor: str, path: Path, sweep: Sweep, recording: str) -> str:
     return f"wrote {path}: as {sensor}" + (f"; {note}" if note else "")
 
 
-def _unit_file(recording: Recording, path: Path, metadata: Path | None, sensor_index: int, has_second: bool) -> str:
-    """Write the unit's own sensor file, with two returns if those were recorded; returns the text to print."""
+def _unit_file(recording: Recording, path: Path, metadata: Path | None, sensor_index: int) -> str:
+    """Write the unit's own sensor file; returns the text to print."""
     described = metadata_of(recording.path, metadata)
     if described is None or not described.is_file():
         must = "must have the unit's metadata as {metadata} F, or a catalogue sensor as {sensor} NAME"
         raise OptionError(f"{{0}}: {must}", recording.path)
-    message = write_unit(read_unit(described, sensor_index=sensor_index), described, path)
-    if has_second:
-        put_text(path, with_second_returns(path.read_text(encoding="utf-8")))
-    return message
+    return write_unit(read_unit(described, sensor_index=sensor_index), described, path)
 
 
 def _meshes(quads: Surfels, folder: Path) -> list[tuple[str, str, float | None]]:
