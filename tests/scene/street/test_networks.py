@@ -382,6 +382,15 @@ def test_a_map_may_have_one_road_alone(tmp_path: Path) -> None:
     assert any(body["name"].startswith("road_") for body in tables["bodies"])
 
 
+def test_nobody_stands_for_ever_at_the_end_of_a_one_way_road(tmp_path: Path) -> None:
+    """One-way roads that lead out of the map: most pairs of them have no way from one to the other."""
+    one_way = '<tag k="oneway" v="yes"/><tag k="highway"'
+    (tmp_path / "map.osm").write_text(networks.OSM.replace('<tag k="highway"', one_way))
+    tables = network_scene(tmp_path / "map.osm", "osm", StreetFile(seed=4, oncoming_gap_m=(15.0, 40.0)))
+    way_m = np.array([pose["position_m"] for pose in tables["ego"]["poses"]])
+    assert np.hypot(*np.diff(way_m[:, :2], axis=0).T)[-20:].max() > 1.0  # in half a second
+
+
 @pytest.mark.usefixtures("mi")
 def test_a_wheelchair_of_sumo_is_one_that_rolls() -> None:
     from lidarscene.scene.street.network_tables import _look

@@ -16,7 +16,7 @@ import signal
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -435,11 +435,15 @@ def draw_routes(
     passed = [edge.getID() for edge in way]
     ego = {"id": "ego", "type": own, "depart": "0", "from": passed[0], "via": " ".join(passed), "to": passed[-1]}
     trips = [(0.0, "trip", ego)]
+    reached: defaultdict[str, dict[Any, Any]] = defaultdict(dict)
     for number, depart_s in enumerate(departures.tolist()):
         begin, end = random.choice(roads, 2).tolist()
         kind = str(random.choice(list(bodies), p=[share for *_, share in bodies.values()]))
         trip = {"id": f"v{number}", "type": kind, "from": begin, "to": end, "departPos": "random", "departSpeed": "max"}
-        trips.append((depart_s, "trip", trip | {"depart": f"{depart_s:.2f}"}))
+        # Without a way to there SUMO lets it drive to the end of its road, and stand in all others' way.
+        road, user = net.getEdge(begin), bodies[kind][0]
+        if road.allows(user) and net.getEdge(end) in net.getReachable(road, user, cache=reached[user]):
+            trips.append((depart_s, "trip", trip | {"depart": f"{depart_s:.2f}"}))
         if network.walks:
             begin, end = random.choice(network.walks, 2).tolist()
             person = {"id": f"p{number}", "depart": f"{depart_s:.2f}", "from": begin, "to": end}
