@@ -103,25 +103,6 @@ def test_moments_at_the_papers_threshold(range_m):
     assert error.std() == pytest.approx(straight[1], rel=0.06)
 
 
-def test_crossing_by_brute_force():
-    """The quadratic's root against a fine march up the pulse: the first time that s + z sigma(s) reaches U."""
-    rng = np.random.default_rng(3)
-    time = np.linspace(-12e-9, 0.0, 200_001)
-    shape = pulse.gaussian_pulse(time_s=time, fwhm_s=FWHM_S)
-    for _ in range(40):
-        noise, kappa_1, z = 1.0, rng.uniform(0.0, 1.0), rng.normal()
-        kappa_2 = -rng.uniform(0.0, 2e-3)
-        threshold, peak = 5.0, rng.uniform(8.0, 150.0)
-        signal = peak * shape
-        noisy = signal + z * tdc.noise_at_level(level=signal, noise=noise, kappa_1=kappa_1, kappa_2=kappa_2)
-        level = tdc.crossing_level(threshold=threshold, noise=noise, kappa_1=kappa_1, kappa_2=kappa_2, deviate=z)
-        assert (peak >= level) == (noisy[-1] >= threshold)
-        if peak >= level:
-            marched = time[np.argmax(noisy >= threshold)]
-            exact = pulse.leading_edge_time_s(level=level / peak, fwhm_s=FWHM_S)
-            assert marched == pytest.approx(exact, abs=2 * (time[1] - time[0]))
-
-
 def test_walk_modes():
     """Raw echoes come early by the walk; "none" takes all of it off; "corrected" does so to a few percent."""
     walk = {mode: range_errors(50.0, f"tdc.walk='{mode}'")[1] for mode in ("raw", "none", "corrected")}

@@ -1,4 +1,4 @@
-"""Several sub-echoes to a pulse: against the lone echo's closed form, two Gaussians by hand, and fine bins."""
+"""Several sub-echoes to a pulse: against the lone echo's closed form, and two Gaussians by hand."""
 
 import math
 from dataclasses import replace
@@ -87,33 +87,6 @@ def test_sub_echoes_at_one_range_are_one_echo(name, sub_echoes):
         np.testing.assert_allclose(stop.snr[echo], expected.snr[echo], rtol=1e-9)
         np.testing.assert_allclose(stop.true_range_m[echo], range_m[echo], rtol=1e-12)
         assert ((stop.source[echo] >= 0) & (stop.source[echo] < sub_echoes)).all()
-
-
-def echoes_only(detection):
-    """The stops without false alarms."""
-    return [replace(stop, reported=stop.reported & (stop.status == 0)) for stop in detection.stops]
-
-
-@pytest.mark.parametrize(("name", "sub_echoes"), [("apd", 3), ("apd", 8), ("sipm", 8)])
-def test_fine_bins_find_the_same_crossings(name, sub_echoes):
-    """Trains of any shape against the same comparator over bins of sigma_p / 200, crossing by crossing."""
-    equipped = sensor(SENSORS[name][0], "tdc.threshold_to_noise=6", "tdc.keep='all'", "tdc.walk='raw'")
-    light = train(*trains.random_trains(150, sub_echoes, equipped, seed=5))
-    crossings, shallow = trains.slow_crossings(light, equipped)
-    assert len(shallow) < 30
-    measured = {
-        (pulse, number): stop.range_m[pulse] / SIGMA_M
-        for number, stop in enumerate(echoes_only(detect(light, equipped)))
-        for pulse in np.flatnonzero(stop.reported)
-        if pulse not in shallow
-    }
-    expected, good_to = {}, {}
-    for pulse, crossing, tolerance in crossings:
-        key = pulse, sum(1 for earlier in expected if earlier[0] == pulse)
-        expected[key], good_to[key] = crossing, tolerance
-    assert measured.keys() == expected.keys()
-    assert len(expected) > 1.1 * len({pulse for pulse, _ in expected})  # some pulses have several
-    assert all(abs(measured[key] - expected[key]) < good_to[key] for key in expected)
 
 
 def two_boards(separation, *, weights=(0.5, 0.5)):

@@ -188,34 +188,6 @@ def test_orders_of_returns(overrides, ranges):
         np.testing.assert_array_equal(np.where(stop.reported, np.rint(stop.true_range_m), 0.0), expected_ranges)
 
 
-def test_alarms_beside_the_strongest_and_the_last():
-    """The window is empty: both are a Poisson number's highest and last, against brute force; z-tests at 1e-4."""
-    sensor = load_sensor("table1-apd", overrides=["tdc.threshold_to_noise=3.3", "tdc.keep='strongest_and_last'"])
-    count = 20_000
-    detection = trains.detect(trains.train(np.full((count, 1), 50.0), np.zeros((count, 1))), sensor, seed=4)
-    point = sensor.working_point(np.array([trains.BACKGROUND_W]))
-    threshold = float(sensor.threshold(point)[0])
-    expected = -np.log1p(-norm.sf(3.3)) * sensor.tdc.bandwidth_hz * sensor.tdc.window_s
-    random = np.random.default_rng(8)
-    last, highest = [], []
-    for number in random.poisson(expected, count):
-        if number:
-            time, height = random.uniform(0.0, sensor.tdc.window_s, number), random.exponential(1.0, number)
-            last.append(time.max())
-            highest.append(height.max())
-    amplitudes = [np.where(stop.reported, stop.amplitude, 0.0) for stop in detection.stops]
-    reported = detection.stops[0].reported
-    times = [np.where(stop.reported, stop.range_m, 0.0) for stop in detection.stops]
-    measured = (
-        np.maximum(*times)[reported] * 2.0 / c,
-        (np.maximum(*amplitudes)[reported] - threshold) * threshold / float(point.noise.deviation[0]) ** 2,
-    )
-    for a, b in zip(measured, (np.array(last), np.array(highest)), strict=True):
-        error = math.hypot(a.std() / math.sqrt(len(a)), b.std() / math.sqrt(len(b)))
-        assert abs(a.mean() - b.mean()) < norm.isf(0.5e-4) * error
-    assert abs(len(measured[0]) - len(last)) < norm.isf(0.5e-4) * math.sqrt(2.0 * len(last))
-
-
 CLEAN = ("detector.circuit_noise_na=1e6", "tdc.threshold_to_noise=1e4")
 
 

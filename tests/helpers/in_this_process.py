@@ -53,8 +53,7 @@ def _draw_small(monkeypatch: pytest.MonkeyPatch) -> None:
 def draw_roughly(monkeypatch: pytest.MonkeyPatch) -> None:
     """Charts and maps of fewer pixels and with nothing moved to its place, which takes as long; pictures as above."""
     arrange_nothing(monkeypatch)
-    for module in (lines, maps):
-        monkeypatch.setattr(module, "DPI", 60)
+    monkeypatch.setattr(lines, "DPI", 60)
     _draw_small(monkeypatch)
 
 

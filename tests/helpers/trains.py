@@ -1,4 +1,4 @@
-"""Echo trains by hand, and a slow road through the comparator."""
+"""Echo trains by hand."""
 
 import math
 from dataclasses import replace
@@ -8,16 +8,13 @@ import numpy as np
 
 from helpers.chain import sensor as sensor
 from lidarscene import Sensor
-from lidarscene.detection import receiver, rises
+from lidarscene.detection import receiver
 from lidarscene.detection.report import Detection
 from lidarscene.kernel.device import transfer
 from lidarscene.light.air_light import AirLight, air_light
 from lidarscene.light.echoes import Echoes, EchoTrain, SubEchoes, Volume
-from lidarscene.light.waveform import sample_power_and_signal
-from lidarscene.maths import random as noise
 from lidarscene.maths.arrays import Numbers
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
-from lidarscene.physics.electronics import tdc
 from lidarscene.physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from lidarscene.scene.weather import Weather
 
@@ -119,64 +116,3 @@ def detect_on_device(light: Echoes | EchoTrain, equipped: Sensor, *, seed: int =
     """What the device makes of them, as NumPy arrays: the twin of `detect`."""
     pulse, word = transfer.counter(0, np.size(light.background_power_w)), transfer.seed_word(seed)
     return transfer.fetch(receiver.detect(on_device(light), transfer.opaque(equipped), seed=word, pulse=pulse))
-
-
-SHALLOW = 0.03
-"""Share of a peak: dips of 0.7 % between two pulses may be missed by a search in steps of one sigma_p
-(`detection.rises.STEP`), and between several pulses deeper ones: one of 1.3 % was, among 30,000 trains."""
-
-
-def slow_crossings(
-    light: Any, equipped: Sensor, *, seed: int = 0, step: float = 0.005
-) -> tuple[list[tuple[int, float, float]], set[int]]:
-    """(pulse, crossing and what it is good to, in sigma_p) of all crossings, from a waveform in fine bins; and the
-    pulses with a dip so shallow that the search may pass over it (`detection.rises`): their rises count otherwise.
-
-    Peaks are bins above their neighbours; the deviates are those of the pulse's rises in turn. Between bins the
-    waveform is taken for a straight line, off by an eighth of the bin's bend over its slope: twice that is allowed. A
-    comparator that finds itself below the waveform in a valley trips there, in a bin.
-    """
-    point = equipped.working_point(light.background_power_w)
-    threshold = np.asarray(equipped.threshold(point))
-    (part,) = light.parts
-    arrival = (2.0 / SPEED_OF_LIGHT_M_S) * part.range_m.reshape(-1, part.count)
-    power = part.peak_power_w.reshape(arrival.shape)
-    crossings, shallow = [], set[int]()
-    for pulse in range(len(threshold)):
-        arrivals = arrival[pulse][power[pulse] > 0.0]
-        if len(arrivals) == 0:
-            continue
-        time = np.arange(arrivals.min() - 9.0 * SIGMA_S, arrivals.max() + 9.0 * SIGMA_S, step * SIGMA_S)
-        alone = replace(
-            light,
-            parts=(replace(part, range_m=part.range_m.reshape(arrival.shape)[pulse], peak_power_w=power[pulse]),),
-            background_power_w=light.background_power_w[pulse : pulse + 1],
-        )
-        watts, signal = (np.asarray(row)[0] for row in sample_power_and_signal(alone, equipped, time))
-        edge_noise = point.noise
-        noise_terms = {"noise": edge_noise.deviation, "kappa_1": edge_noise.kappa_1, "kappa_2": edge_noise.kappa_2}
-        of_pulse = {name: np.broadcast_to(value, len(threshold))[pulse] for name, value in noise_terms.items()}
-        peaks = np.flatnonzero((watts[1:-1] > watts[:-2]) & (watts[1:-1] >= watts[2:])) + 1
-        valleys = np.flatnonzero((watts[1:-1] < watts[:-2]) & (watts[1:-1] <= watts[2:])) + 1
-        turns = np.sort(np.r_[peaks, valleys])
-        low_w, high_w = np.sort([watts[turns[1:]], watts[turns[:-1]]], axis=0)
-        if np.any((step * np.diff(turns) < rises.STEP) & (low_w > (1.0 - SHALLOW) * high_w)):
-            shallow.add(pulse)
-            continue
-        high, before = False, 0
-        for number, peak in enumerate(peaks):
-            valley = before + int(np.argmin(watts[before : peak + 1]))
-            words = noise.words(seed=seed, stage=1, pulse=np.array([pulse]), draw=number)
-            deviate = np.ravel(noise.normal_pair(words)[0])[0]
-            level: Any = tdc.crossing_level(threshold=threshold[pulse], deviate=deviate, **of_pulse)
-            trips = signal[peak] >= level
-            if trips and not (high and signal[valley] >= level):
-                edge = valley + int(np.argmax(signal[valley : peak + 1] >= level))
-                crossed_s, good_to = time[edge], step
-                if edge > valley:
-                    crossed_s = np.interp(level, signal[edge - 1 : edge + 1], time[edge - 1 : edge + 1])
-                    start, end, beyond = signal[edge - 1 : edge + 2]
-                    good_to = 1e-4 + step * abs((beyond - end) / (end - start) - 1.0) / 4.0
-                crossings.append((pulse, crossed_s / SIGMA_S, good_to))
-            high, before = trips, int(peak)
-    return crossings, shallow

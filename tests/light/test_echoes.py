@@ -10,17 +10,14 @@ from helpers.run_seed import chosen
 from helpers.table_1 import K_PD, P_RS, M, sigma_18
 
 from lidarscene.detection.outcomes import Status
-from lidarscene.light.air_light import overlap_of
 from lidarscene.light.beams import Beams
 from lidarscene.light.echoes import Ambient, gather_background, hump_of, receive
 from lidarscene.light.field_background import background_power_w, field_of_view
 from lidarscene.light.hits import Hits
 from lidarscene.maths.arrays import LookupTable
-from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
-from lidarscene.physics.optics.pulse import gaussian_pulse
 from lidarscene.physics.optics.sunlight import SUN_RADIUS_RAD
 from lidarscene.physics.weather import soft_target
-from lidarscene.rendering.simulator import Simulator, Summary
+from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.scene import Air, Interferer
 from lidarscene.scene.weather import Weather
 
@@ -128,61 +125,6 @@ def test_fog_is_the_first_return_and_the_wall_the_last():
     assert 0.01 < fog_share < 0.1
     # The peak of the sum is not where the wall is, and the air's course is a table: a part in a hundred.
     assert behind.snr[0] == pytest.approx(clear.snr[0] * np.exp(-2.0 * alpha * 30.0) * (1.0 + fog_share), rel=0.01)
-
-
-@pytest.mark.parametrize("rate_mm_h", chosen(1, [0.5, 2.0]))
-def test_rain_trips_as_often_as_drops_by_brute_force(rate_mm_h):
-    """Reference: all drops above 0.1 mm of 3000 pulses, drawn one by one in the beam, and their pulses added up.
-
-    Tolerance: five deviations of the two counts, and 2 % for drops smaller than that, for the noise at the threshold,
-    which is 1/60 of it and even in the mean, and for the grid, on which a lone peak loses 0.3 % in the mean.
-    """
-    sensor = chain.sensor("table1-apd", *COARSE, *BEAM, "tdc.threshold_to_noise=60", "tdc.stops=3")
-    air = Air(transmittance=1.0, weather=Weather(rain_mm_h=rate_mm_h))
-    summary = Summary()
-    scene = chain.scene(chain.facing(range_m=40.0, size_m=100.0), air=air, klux=0.0)
-    cloud = Simulator(scene, sensor).render(seed=5, summary=summary)
-    drops = cloud.select(cloud.status == Status.WEATHER)
-    assert {drops.class_names[class_index] for class_index in drops.class_id} == {"rain"}
-    assert summary.weather == len(drops)
-    assert (drops.true_range_m < 80.0).all()
-    share = len(np.unique(drops.time_s)) / summary.beams
-
-    pulses = 3000
-    expected = np.mean(_trips(sensor, air, pulses))
-    spread = np.sqrt(expected * (1.0 - expected) * (1.0 / pulses + 1.0 / summary.beams))
-    assert 0.05 < expected < 0.95
-    assert share == pytest.approx(expected, abs=5.0 * spread + 0.02)
-
-
-def _trips(sensor, air, pulses):
-    """Whether the light of all drops in each pulse comes over the threshold. Beyond 20 m no drop does."""
-    (rain,) = air.weather.media(905e-9)
-    point = sensor.working_point(np.zeros(1))
-    least_w = float(point.response.power_w(sensor.threshold(point))[0])
-    overlap = overlap_of(sensor)
-    random = np.random.default_rng(11)
-    farthest = 20.0
-    widest = np.pi * (0.005**2 + (0.0015 * farthest) ** 2)
-    slope, smallest = rain.sizes.slope_per_m, 1e-4
-    density = rain.sizes.intercept_per_m4 / slope * np.exp(-slope * smallest)
-    sent = sensor.laser.peak_power_w * sensor.optics.efficiency_laser * sensor.optics.aperture_m2
-    grid_m = np.arange(0.0, farthest, 0.1)
-    pulse_index = np.repeat(np.arange(pulses), random.poisson(density * widest * farthest, pulses))
-    r, d = random.uniform(0.0, farthest, len(pulse_index)), smallest + random.exponential(1.0 / slope, len(pulse_index))
-    area = np.pi * (0.005**2 + (0.0015 * r) ** 2)
-    inside = random.uniform(size=len(pulse_index)) < area / widest
-    pulse_index, r, d, area = pulse_index[inside], r[inside], d[inside], area[inside]
-    received = sent * overlap.share(r) * np.exp(-2.0 * rain.extinction_per_m * r) / (area * r * r)
-    lens = float(sensor.optics.aperture_radius_m) / np.maximum(r, 1e-3)
-    gain = rain.particle_gain(diameter_m=d, within_rad=lens, from_rad=0.0)
-    watts = received * rain.particle_m2_sr(diameter_m=d) * gain
-    tripped = []
-    for drop_indices in np.split(np.arange(len(pulse_index)), np.searchsorted(pulse_index, np.arange(1, pulses))):
-        apart_s = (2.0 / SPEED_OF_LIGHT_M_S) * (grid_m[:, None] - r[drop_indices])
-        course = gaussian_pulse(time_s=apart_s, fwhm_s=sensor.laser.pulse_fwhm_s) @ watts[drop_indices]
-        tripped.append(course.max() > least_w)
-    return tripped
 
 
 def test_keep_and_dead_time_act_with_one_ray():

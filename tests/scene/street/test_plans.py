@@ -473,6 +473,12 @@ def test_who_turns_round_has_a_pose_between() -> None:
     assert (first[3], last[3]) == (10.0, -160.0)
 
 
+def test_a_bus_that_turns_round_leaps_by_the_way_of_its_front() -> None:
+    """12 m long: its front stays where its middle goes by 12 m, and goes by 12 m where that stays."""
+    bus = sumo.RoadUser("7", "bus", 12.0, [(0.0, 0.0, 0.0, 0.0, 0.0)])
+    assert [sumo._leaps(bus, (1.0, x_m, 0.0, 180.0, 0.0), 0.0) for x_m in (12.0, 0.0)] == [False, True]
+
+
 def test_a_vehicle_of_sumo_has_its_middle_behind_its_front() -> None:
     """Angles are clockwise from north: 90 is east."""
     keys = {"type": "bus", "x": "10", "y": "5", "angle": "90", "z": "2", "speed": "7.5"}

@@ -1,6 +1,7 @@
 """Least thresholds and factors of lone echoes, drawn by hand, are found again; where they are rare, nothing is said."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -72,14 +73,19 @@ def surface_pulses(least: float, spread: float, filter_sigma: float) -> Recorded
 @pytest.mark.parametrize(("least", "spread"), [(0.7, 0.3), (0.55, 0.4)])
 def test_least_threshold(least: float, spread: float) -> None:
     """The threshold is found within five sigma, and two steps of the grid of 1 % that the filter's scatter, in steps of
-    sigma / 20, needs.
+    sigma / 20, needs. Of one block its error is not known.
     """
     sensor = load_sensor("os1-128")
     filter_sigma = math.sqrt(filter_variance(sensor, photons=MEDIAN, near_ir=NEAR_IR)) / MEDIAN
-    estimate = fit_least(surface_pulses(least, spread, filter_sigma), LAW, sensor, spread)
+    pulses = surface_pulses(least, spread, filter_sigma)
+    estimate, of_one_block = (
+        fit_least(each, LAW, sensor, spread) for each in (pulses, replace(pulses, block=0 * pulses.block))
+    )
     assert estimate is not None
     assert estimate.sigma < 0.1
     assert abs(estimate.value - least) < 5.0 * estimate.sigma + 0.02 * least
+    assert of_one_block is not None
+    assert math.isinf(of_one_block.sigma)
 
 
 def test_a_threshold_without_an_end_has_no_least() -> None:

@@ -22,14 +22,21 @@ from .scatter import (
     LEAST_PATCHES,
     MEAN_BELOW,
     MEDIAN_TWO,
-    PATCH_SQUARE,
     blocks_of_patches,
     patch_columns,
     smoothest,
     solve_squares,
     squared_rest,
 )
-from .tuning import LEAST_READING, MOST_REFLECTIVITY, NOISE_PATCHES, NOISE_RANGE_STEP, RANGE_TOLERANCE, ROUNDING
+from .tuning import (
+    LEAST_READING,
+    MOST_REFLECTIVITY,
+    NOISE_PATCHES,
+    NOISE_RANGE_STEP,
+    PATCH_SQUARE,
+    RANGE_TOLERANCE,
+    ROUNDING,
+)
 
 SIGNAL_VARIANCE, SIGNAL_ERROR = 1.25, 0.1
 """Source: an OS1-32, an OS0-32 and an OS2-128 (ouster-sdk), whose photons SIGNAL tells: by Poisson's law the noise of
