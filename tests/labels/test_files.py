@@ -135,9 +135,9 @@ def test_counts_are_those_of_every_point_and_beam() -> None:
     origin_m = np.array([0.3, -0.2, 1.0])
     status = (rng.random(4000) < 0.1).astype(np.uint8)
     length_m = np.linalg.norm(xyz_m - origin_m, axis=1)
-    true_range_m = length_m * rng.uniform(0.5, 1.2, 4000)
+    true_m = length_m * rng.uniform(0.5, 1.2, 4000)
     body = rng.integers(-1, 3, 4000, np.int32)
-    points = labels_boxes._PointsByAzimuth(xyz_m, origin_m, true_range_m, body, status)
+    points = labels_boxes._PointsByAzimuth(xyz_m, origin_m, true_m - length_m, body, status)
     places = [*rng.normal(0.0, 10.0, (40, 3)), [-8.0, -0.2, 1.0], [-8.0, 0.1, 1.0], [0.3, -0.2, 6.0], [0.3, -0.2, 1.0]]
     for place in places:
         angles = rng.uniform(-180.0, 180.0, 3)
@@ -153,7 +153,8 @@ def test_counts_are_those_of_every_point_and_beam() -> None:
         enter, leave = np.maximum(low.max(axis=1), 0.0), high.min(axis=1)
         meets = (enter <= leave) & (status == 0)
         assert counted.beams == meets.sum()
-        assert counted.reached == (meets & (true_range_m >= enter * length_m - labels_boxes.STOPPED_M)).sum()
+        reaches = (body == 0) | (true_m >= enter * length_m - labels_boxes.STOPPED_M)
+        assert counted.reached == (meets & reaches).sum()
 
 
 def test_a_body_that_no_beam_meets() -> None:
@@ -691,6 +692,7 @@ def test_boxes_are_where_the_cloud_shows_what_moves(motion_in: str) -> None:
         # The mean of the way on either side is as long: the box is in the middle.
         along = outside.max(axis=1)
         assert np.median(along) <= 0.5 * reach + 1e-3
+        assert box.visibility == 1.0  # nothing is before either, wherever a pulse left
     assert frame_boxes[0].points_on > 100
     np.testing.assert_allclose(np.linalg.norm(frame_boxes[0].velocity_m_s), 10.0, rtol=1e-9)
     np.testing.assert_array_equal(frame_boxes[1].velocity_m_s, 0.0)
@@ -718,21 +720,22 @@ def test_points_that_waited_are_counted_where_they_are(tmp_path, monkeypatch, in
     """Reference: the same boxes and half-spaces point by point, of a frame whose points wait since a car moves: all on
     disk, some, or none.
 
-    Every other point comes a metre too far to the left and up: no axis may stand for another.
+    Every other point comes a metre too far to the left and up: no axis may stand for another. Some are echoes of
+    nothing known, 1 m ahead.
     """
     monkeypatch.setattr(labels_boxes, "WAITING_POINTS", in_memory)
     monkeypatch.setattr(labels_boxes, "PIECE_POINTS", 600)
     cloud, scene = render_driving(motion_in="removed")
     moved_m = cloud.xyz_m + np.where(np.arange(len(cloud))[:, None] % 2, np.float32([0.0, 1.0, 0.4]), 0)
-    # The reported range says nothing of what stopped a beam; nor does a point that is no echo.
-    noise = np.arange(len(cloud)) % 5 == 0
+    # A point that is no echo says nothing of what stopped a beam.
+    noise, stopped = (np.arange(len(cloud)) % every == 0 for every in (5, 49))
     assert cloud.true_range_m is not None
     cloud = replace(
         cloud,
         xyz_m=moved_m.astype(np.float32),
-        range_m=np.ones(len(cloud)),
         status=noise.astype(np.uint8),
-        true_range_m=np.where(noise, np.float32(1.0), cloud.true_range_m),
+        true_range_m=np.where(noise | stopped, np.float32(1.0), cloud.true_range_m),
+        body=np.where(stopped, -1, cloud.body),
     )
     (path,) = write_labels(cloud, scene, tmp_path / "a.bin", format="nuscenes")
     content = json.loads(path.read_text())
@@ -843,7 +846,8 @@ def test_a_beam_may_end_a_little_before_the_box_that_it_meets(short_m: float, re
     single_beam = cloud.select(straight_ahead)
     assert single_beam.true_range_m is not None
     assert single_beam.true_range_m[0] == pytest.approx(8.0)
-    single_beam = replace(single_beam, true_range_m=single_beam.true_range_m - np.float32(short_m))
+    true_range_m = single_beam.true_range_m - np.float32(short_m)
+    single_beam = replace(single_beam, true_range_m=true_range_m, body=np.full(1, -1))
     (box,) = boxes(single_beam, scene)
     assert (box.beams, box.reached) == (1, reached)
     (box,) = boxes(replace(single_beam, status=np.ones(1)), scene)  # what is no echo says nothing of a surface
@@ -886,7 +890,7 @@ def test_beams_of_a_rig_that_waited_are_those_of_each_sensor(tmp_path: Path) -> 
     cloud, scene = render_driving(motion_in="removed")
     assert cloud.true_range_m is not None
     far = replace(cloud, true_range_m=np.full(len(cloud), 1e3))
-    near = replace(cloud, true_range_m=np.ones(len(cloud)))
+    near = replace(cloud, true_range_m=np.ones(len(cloud)), body=np.full(len(cloud), -1))
     start = {"frame_start_s": "0.0"}
     merged = merge_clouds([replace(cloud, metadata=cloud.metadata | start) for cloud in (far, near)], ["far", "near"])
     (path,) = write_labels(merged, scene, tmp_path / "a.bin", format="nuscenes")

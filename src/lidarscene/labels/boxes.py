@@ -135,7 +135,8 @@ class CountedPoints:
 
     Attributes:
         cloud: names and metadata, without points
-        columns: positions (n, 3), true range, index of the body, status and index of the sensor, (n,) each
+        columns: positions (n, 3), true range less reported, index of the body, status and index of the sensor, (n,)
+            each
         time_s: (n,) as in `PointCloud`
     """
 
@@ -150,7 +151,8 @@ class CountedPoints:
         Raises:
             InputError: for a cloud without truth
         """
-        columns = cloud.xyz_m, *truth_of(cloud), cloud.status, cloud.sensor_index
+        true_range_m, body = truth_of(cloud)
+        columns = cloud.xyz_m, true_range_m - cloud.range_m, body, cloud.status, cloud.sensor_index
         return cls(cloud=cloud.without_points(), columns=columns, time_s=cloud.time_s)
 
     def __len__(self) -> int:
@@ -160,8 +162,8 @@ class CountedPoints:
         """Iterate over pieces of `PIECE_POINTS` points."""
         for first in range(0, len(self), PIECE_POINTS):
             rows = slice(first, first + PIECE_POINTS)
-            xyz_m, true_range_m, body, status, sensor_index = (column[rows] for column in self.columns)
-            columns = xyz_m, true_range_m, body, status, sensor_index
+            xyz_m, beyond_m, body, status, sensor_index = (column[rows] for column in self.columns)
+            columns = xyz_m, beyond_m, body, status, sensor_index
             yield replace(self, columns=columns, time_s=self.time_s[rows])
 
 
@@ -236,12 +238,12 @@ class BoxTally:
         self._boxes = _moved(self._boxes, between_m + _applied(turned, positions_m), turned @ rotations)
 
     def count_points(
-        self, xyz_m: Numbers, true_range_m: Numbers, body: Numbers, status: Numbers, sensor_index: Numbers
+        self, xyz_m: Numbers, beyond_m: Numbers, body: Numbers, status: Numbers, sensor_index: Numbers
     ) -> None:
         """Count points and beams in the boxes; arguments as `CountedPoints.columns`."""
         for number, origin_m in enumerate(self._origins_m):
             of_sensor = slice(None) if len(self._origins_m) == 1 else sensor_index == number
-            columns = (column[of_sensor] for column in (true_range_m, body, status))
+            columns = (column[of_sensor] for column in (beyond_m, body, status))
             points = _PointsByAzimuth(xyz_m[of_sensor], origin_m, *columns)
             # Few boxes are brought into the frame of the points, in place of many points into that of the boxes.
             if self._boxes:
@@ -334,7 +336,7 @@ class GatheredBoxes:
         self._spool.append(**dict(zip("xyz", xyz_m.T, strict=True)), **dict(zip(names, columns, strict=True)))
 
 
-_WAITING_COLUMNS = [("true_range", "f4"), ("body", "i4"), ("status", "u1"), ("sensor_index", "u1")]
+_WAITING_COLUMNS = [("beyond", "f4"), ("body", "i4"), ("status", "u1"), ("sensor_index", "u1")]
 """Name and type of the `CountedPoints.columns` behind the positions."""
 
 
@@ -474,10 +476,8 @@ class _PointsByAzimuth:
     Coordinates are those of the points.
     """
 
-    def __init__(
-        self, xyz_m: Numbers, origin_m: Numbers, true_range_m: Numbers, body: Numbers, status: Numbers
-    ) -> None:
-        """Sort the points: (n, 3) positions, (3,) place of the sensor, (n,) true ranges, bodies and status."""
+    def __init__(self, xyz_m: Numbers, origin_m: Numbers, beyond_m: Numbers, body: Numbers, status: Numbers) -> None:
+        """Sort the points: (n, 3) positions, (3,) place of the sensor, (n,) ways to the surface, bodies and status."""
         self._origin_m = np.asarray(origin_m, dtype=np.float64)
         x, y, z = (xyz_m[:, axis] - xyz_m.dtype.type(origin_m[axis]) for axis in range(3))
         # NumPy sorts 16-bit numbers by radix, in a tenth of the time of others.
@@ -485,7 +485,7 @@ class _PointsByAzimuth:
         self._order = np.argsort(sector, kind="stable")
         self._sector = sector[self._order]
         self._slope = (z / np.maximum(np.hypot(x, y), np.finfo(x.dtype).tiny))[self._order]
-        self._xyz_m, self._true_range_m, self._body, self._status = xyz_m, true_range_m, body, status
+        self._xyz_m, self._beyond_m, self._body, self._status = xyz_m, beyond_m, body, status
 
     def counted(self, boxes: Sequence[Box], local_boxes: Sequence[Box]) -> list[Box]:
         """Return the boxes with their counts added; ``local_boxes`` are the same in the frame of the points."""
@@ -511,13 +511,15 @@ class _PointsByAzimuth:
             low, high = (-half - start) / way_m, (half - start) / way_m
             np.maximum(enter, np.minimum(low, high), out=enter)
             np.minimum(leave, np.maximum(low, high), out=leave)
-        is_echo = self._status[near] == 0
+        is_echo, is_own = self._status[near] == 0, self._body[near] == box.body
         meets = (enter <= leave) & is_echo
-        reaches = meets & (self._true_range_m[near] >= enter * np.sqrt(square_m2) - STOPPED_M)
+        # From the point on: deskewed points are not as far from the sensor's one place as the pulse went. A body that
+        # moves may send echoes from before its box.
+        reaches = meets & (is_own | (self._beyond_m[near] >= (enter - 1.0) * np.sqrt(square_m2) - STOPPED_M))
         return replace(
             box,
             points_inside=box.points_inside + int(is_inside.sum()),
-            points_within=box.points_within + int((is_inside & is_echo & (self._body[near] == box.body)).sum()),
+            points_within=box.points_within + int((is_inside & is_echo & is_own).sum()),
             beams=box.beams + int(meets.sum()),
             reached=box.reached + int(reaches.sum()),
         )

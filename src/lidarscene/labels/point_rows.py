@@ -98,14 +98,15 @@ class DeviceRows:
         body, status = columns.array("body"), ops.int32(columns.array("status"))
         if self._dataset == "kitti":
             places = points_m if columns.is_far else tuple(map(ops.float32, points_m))
-            tables = [[time_s], places, rows, [columns.array("true_range_m")], [body], [status]]
+            beyond_m = columns.array("true_range_m") - columns.array("range_m")
+            tables = [[time_s], places, rows, [beyond_m], [body], [status]]
             times, xyz, points, *others = copy_rows(tables)
-            true_range, of_body, statuses = (words[:, 0] for words in others)
+            beyond, of_body, statuses = (words[:, 0] for words in others)
             counted = CountedPoints(
                 cloud=described,
                 columns=(
                     xyz.view(np.float64 if columns.is_far else np.float32),
-                    true_range.view(np.float32),
+                    beyond.view(np.float32),
                     of_body.view(np.int32),
                     statuses.astype(np.uint8),
                     np.zeros(len(xyz), np.uint8),
