@@ -50,6 +50,23 @@ def test_one_packet_is_sixteen_columns(core: Any) -> None:
     assert (sweep.pose, sweep.includes_lost) == (None, True)
 
 
+@pytest.mark.parametrize("serial", [b"", bytes(8)], ids=["serial", "none"])
+@pytest.mark.parametrize("flags", [b"\x40", b"\x20"], ids=["whole", "first_fragment"])
+def test_two_sensors_without_serials_at_one_port_are_told(tmp_path: Path, serial: bytes, flags: bytes) -> None:
+    """Rationale: ouster-sdk makes one cloud of both. The whole packet of another address, or its first fragment."""
+    content = OUSTER.read_bytes()
+    place = content.index(bytes([127, 0, 0, 1])) - 12
+    first = bytearray(content[24:])
+    payload = place + 28 - 24
+    first[payload + 4 : payload + 4 + len(serial)] = serial
+    other = first.copy()
+    other[place + 15 - 24], other[place + 6 - 24 : place + 7 - 24] = 2, flags
+    path = tmp_path / "two.pcap"
+    path.write_bytes(content[:24] + first + other)
+    with told("two.pcap | 7502 | 127.0.0.1, 127.0.0.2 | serials | src host") if serial else contextlib.nullcontext():
+        open_recording(path, OUSTER.with_suffix(".json")).close_file()
+
+
 def test_metadata_of_newer_tools_are_found_too(tmp_path: Path, core: Any) -> None:
     """NAME_0.json, for the first of several sensors."""
     path = Path(shutil.copy(OUSTER, tmp_path / "a.pcap"))

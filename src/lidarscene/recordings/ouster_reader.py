@@ -15,9 +15,12 @@ from ..files.optional import import_optional
 from ..formats.cloud_description import input_errors
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
-from .pcap_reader import json_beside, map_file, records_of
+from .pcap_reader import json_beside, map_file, records_of, udp_datagram
 from .recording import Recording
 from .sweep import Second, Sweep
+
+LONGEST_HEADER_BYTES = 32
+"""Source: Ouster's packet formats: header of the newer ones, which has the serial; the oldest has none."""
 
 VALID = 1
 """Bit of a column's status that is set if its packet was received."""
@@ -38,9 +41,9 @@ def open_ouster(path: Path, metadata: Path | None, sensor_index: int = 0) -> Rec
         if path.suffix.lower() == ".pcap":
             metadata_file = _description(path, metadata)
             with input_errors(metadata_file):
-                core.SensorInfo(metadata_file.read_text())
+                info = core.SensorInfo(metadata_file.read_text())
             options = {"meta": [str(metadata_file)]}
-            _require_whole(path)
+            _require_one_whole(path, core.PacketFormat.from_info(info), info)
         elif metadata is not None:
             raise OptionError("{metadata} {0}: needs a pcap; an OSF contains its metadata", metadata)
         with input_errors(path):
@@ -97,11 +100,26 @@ def _path_with_index(path: Path, sensor_index: int, resources: ExitStack) -> Pat
     return Path(shutil.copy(path, folder))
 
 
-def _require_whole(path: Path) -> None:
-    """Raise InputError for a pcap that is cut off: ouster-sdk would silently read the frames before the cut."""
+def _require_one_whole(path: Path, layout: Any, info: Any) -> None:
+    """Raise InputError for a pcap that is cut off, or has two sensors that only their addresses tell apart.
+
+    ouster-sdk would silently read the frames before the cut, and the packets of both as of one.
+    """
+    senders: dict[str, None] = {}
+    port = info.config.udp_port_lidar
     with input_errors(path):
-        for _ in records_of(map_file(path)):
-            pass
+        data = map_file(path)
+        for _, link, record in records_of(data):
+            datagram = udp_datagram(data, record, link, whole=False)
+            if datagram is None or datagram[0][1] != port:
+                continue
+            header = data[datagram[1]][:LONGEST_HEADER_BYTES]
+            if len(header) == LONGEST_HEADER_BYTES and not layout.prod_sn(header) and not layout.init_id(header):
+                senders[datagram[0][0]] = None
+        if len(senders) > 1:
+            got = f"those from {', '.join(senders)}, without serials"
+            one = f"'tcpdump -r {path.name} -w one.pcap src host {next(iter(senders))}' keeps one"
+            raise ValueError(f"must have packets of one sensor at port {port}, got {got}: {one}")
 
 
 def beams(core: Any, info: Any) -> tuple[Numbers, Numbers]:

@@ -69,7 +69,7 @@ def packets_of(path: Path, predicate: Callable[[bytes], bool] = lambda _: True) 
     data, last = map_file(path), b""
     senders: dict[tuple[str, int], None] = {}
     for time_s, link, record in records_of(data):
-        datagram = _udp_datagram(data, record, link)
+        datagram = udp_datagram(data, record, link)
         if datagram is None or not predicate(payload := data[datagram[1]]):
             continue
         sender, place = datagram
@@ -138,10 +138,12 @@ def records_of(data: mmap.mmap) -> Iterator[tuple[float, int, slice]]:
         offset, count = start + size, count + 1
 
 
-def _udp_datagram(data: mmap.mmap, record: slice, link: int) -> tuple[tuple[str, int], slice] | None:
+def udp_datagram(
+    data: mmap.mmap, record: slice, link: int, *, whole: bool = True
+) -> tuple[tuple[str, int], slice] | None:
     """Address of the sender and port of the receiver of a packet of UDP over IPv4, and the slice of its payload.
 
-    None for other packets and for fragments.
+    None for other packets and for fragments, but for the first one of each if not ``whole``.
     """
     start, end = record.start, record.stop
     offset = start + _LINK_BYTES[link]
@@ -149,7 +151,8 @@ def _udp_datagram(data: mmap.mmap, record: slice, link: int) -> tuple[tuple[str,
         offset += 4
     if end < offset + 28 or data[offset] >> 4 != 4 or data[offset + 9] != UDP:
         return None
-    if struct.unpack_from(">H", data, offset + 6)[0] & 0x3FFF:  # more fragments follow, or an offset among them
+    # More fragments follow, or an offset among them.
+    if struct.unpack_from(">H", data, offset + 6)[0] & (0x3FFF if whole else 0x1FFF):
         return None
     address = ".".join(str(number) for number in data[offset + 12 : offset + 16])
     offset += 4 * (data[offset] & 15)  # length of the IPv4 header, in words of four bytes
