@@ -197,8 +197,13 @@ def test_a_folder_is_frames_by_the_numbers_in_their_names(tmp_path: Path) -> Non
 
 def test_what_is_damaged_is_told(tmp_path: Path, library: Callable[[str], Any]) -> None:
     whole = PCD.format(width=4, height=1).encode() + bytes(76)
+    five = np.random.default_rng(5).normal(scale=20.0, size=(40, 5)).astype("<f4")
+    five[:, 3:] = np.abs(five[:, 3:])
     for name, content, named in (
         ("a.bin", bytes(17), "rows of 16 bytes | x, y, z, intensity | 17 bytes"),
+        ("d.bin", five.tobytes(), "x, y, z, intensity | float32 | .pcd.bin | negative"),
+        ("e.bin", five[:, :4].astype("<f8").tobytes(), "x, y, z, intensity | float32 | .pcd.bin | negative"),
+        ("f.pcd.bin", five.astype("<f8").tobytes(), "x, y, z, intensity, ring | float32 | negative"),
         ("b.bin", b"", "points or packets | empty"),
         ("c.bin", bytes(32), "points | none"),
         ("a.abc", b"1", ".pcap | .osf"),

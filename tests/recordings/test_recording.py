@@ -71,3 +71,11 @@ def test_returns_that_no_lidar_sees_are_left_out() -> None:
     np.testing.assert_array_equal(read.second.range_m, [np.nan, np.nan, 30.0])
     with told("a.pcd | sensor's frame | 10000 m"):  # as of a survey in UTM
         Recording(path=Path("a.pcd"), count=1, read=lambda _: sweep(5e5, 5.4e6))[0]
+
+
+def test_points_in_centimetres_are_told() -> None:
+    """Rationale: `fit` and `twin` of such a cloud gave nonsense without a word."""
+    recording = Recording(path=Path("a.pcd"), count=1, read=lambda _: sweep(300.0, 900.0, 4000.0, np.nan))
+    with pytest.warns(OptionWarning, match=r"^a.pcd: .* metres, .* 500 m, .* centimetres"):
+        assert np.nanmax(recording[0].range_m) == 4000.0
+    assert Recording(path=Path("a.pcd"), count=1, read=lambda _: sweep(3.0, 900.0))[0].range_m[1] == 900.0

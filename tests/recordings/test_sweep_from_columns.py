@@ -74,3 +74,11 @@ def test_clocks_of_drivers(stamps: Any, start_s: float, times_s: list[float], be
     assert array.time_s is not None
     np.testing.assert_allclose(array.time_s[0], times_s, rtol=1e-9, atol=1e-15)
     assert array.start_s == pytest.approx(began_s, rel=1e-15)
+
+
+def test_a_name_says_nanoseconds() -> None:
+    """Rationale: a table with gaps has floats of nanoseconds, which were taken as seconds: a sweep of years."""
+    sweep = sweep_of(XYZ | {"offset_ns": np.array([2e3, np.nan, 0.0, 0.0])}, metadata={})
+    assert sweep.time_s is not None
+    np.testing.assert_allclose(sweep.time_s, [0.0, np.nan])
+    assert sweep.start_s == pytest.approx(2e-6)

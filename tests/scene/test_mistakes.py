@@ -116,6 +116,7 @@ def _in_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     [ego]\nposes = [{time_s = 0}, {time_s = 1, yaw_deg = 180}] | ego.poses | <= 170 degrees | 180
     [ego]\nposes = [{time_s = 0}, {time_s = 1}]\nat_end = 'hide' | at_end | hold, repeat or leave
     [ego]\nposes = [{time_s = 0}, {time_s = 1, yaw_deg = 90}]\nat_end = 'repeat' | ego.at_end | repeat | last pose
+    [ego]\nat_end = 'repeat'\n[street]\nlength_m = 60 | ego | at_end | poses_file in the same table
     [ego]\nposes_file = 'none.csv' | ego.poses_file | none.csv | no such file
     [ego]\nposes_file = 'few.csv' | few.csv | x_m
     [ego]\nposes_file = 'bad.txt' | bad.txt | 8 numbers | 3

@@ -34,12 +34,19 @@ HEADER_BYTES = 1 << 16
 
 
 def rows_of(path: Path, names: tuple[str, ...]) -> Columns:
-    """Columns of a file of float32 rows without a header; ValueError unless it holds whole rows."""
+    """Columns of a file of float32 rows without a header; ValueError unless it holds whole rows, by all signs of these.
+
+    In rows of float64 or of another number of columns, coordinates come in the place of intensities.
+    """
     values = np.frombuffer(path.read_bytes(), np.uint8)
     size = 4 * len(names)
+    must = f"must be rows of {size} bytes, float32 ({', '.join(names)}; with ring: .pcd.bin)"
     if len(values) % size:
-        raise ValueError(f"must be rows of {size} bytes ({', '.join(names)}), got {len(values)} bytes")
-    return dict(zip(names, values.view("<f4").reshape(-1, len(names)).T, strict=True))
+        raise ValueError(f"{must}, got {len(values)} bytes")
+    columns = dict(zip(names, values.view("<f4").reshape(-1, len(names)).T, strict=True))
+    if len(np.unique(columns["intensity"][columns["intensity"] < 0.0])) > 1:  # one marks what has none
+        raise ValueError(f"{must}, got others: intensities are negative")
+    return columns
 
 
 def is_own(path: Path) -> bool:

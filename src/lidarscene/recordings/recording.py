@@ -16,6 +16,10 @@ FARTHEST_M = 10_000.0
 """Choice: range beyond which a return is a damaged number: no lidar of this kind sees farther."""
 
 
+FAR_M = 500.0
+"""Choice: range beyond which half of a frame's returns come from no road: they are in centimetres or millimetres."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Recording:
     """The frames of a file: `len`, `[frame]` and iteration; a context manager that closes the file.
@@ -55,7 +59,8 @@ class Recording:
     def __getitem__(self, frame: int | slice) -> Sweep | list[Sweep]:
         """Read the sweep of this number, from 0; from the end if negative. Of a slice, read each.
 
-        Returns beyond `FARTHEST_M` are damage: they are left out, with an `OptionWarning`.
+        Returns beyond `FARTHEST_M` are damage: they are left out, with an `OptionWarning`; half of all beyond
+        `FAR_M` are points in other units, with another.
 
         Raises:
             InputError: beyond the recording
@@ -96,12 +101,16 @@ class Recording:
                 raise InputError(f"{self.path}: {name} must be finite numbers, got others")
         ranges_m = [sweep.range_m] if second is None else [sweep.range_m, second.range_m]
         too_far = [np.abs(range_m) > FARTHEST_M for range_m in ranges_m]
-        if not any(mask.any() for mask in too_far):
-            return sweep
-        if too_far[0][sweep.has_return].all():
+        returns = np.count_nonzero(sweep.has_return)
+        if returns and np.count_nonzero(too_far[0]) == returns:
             raise InputError(
                 f"{self.path}: must have points in metres in the sensor's frame, got all beyond {FARTHEST_M:g} m"
             )
+        if np.count_nonzero(sweep.range_m > FAR_M) > returns / 2:
+            must = "must have points in metres, got half beyond {1} m, as if in centimetres or millimetres"
+            warn(OptionWarning(f"{{0}}: {must}", self.path, f"{FAR_M:g}"))
+        if not any(mask.any() for mask in too_far):
+            return sweep
         warn(
             OptionWarning(
                 "{0}: {1} of {2} returns are farther than {3} km and left out",

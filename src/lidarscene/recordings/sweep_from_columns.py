@@ -19,10 +19,10 @@ NAMES = {
     "ring": ("ring", "line", "channel", "laser_id", "laser_number"),
     "column": ("column",),
     "return_number": ("return_number",),
-    "time": ("time", "t", "timestamp", "time_stamp", "offset_time", "offset_ns", "gps_time"),
+    "time": ("offset_ns", "time", "t", "timestamp", "time_stamp", "offset_time", "gps_time"),
 }
-"""Names that drivers and files give to a column of a sweep, the usual one first; CloudCompare writes `scalar_` before
-them."""
+"""Names that drivers and files give to a column of a sweep, the one that counts first; CloudCompare writes `scalar_`
+before them."""
 
 LEAST_M = 0.05
 """Choice: least distance of a point: nearer ones are zeros by which drivers fill their rows and columns, or lie on the
@@ -75,7 +75,8 @@ def sweep_of(
         turned = {name: values.reshape(shape).T for name, values in by_name.items()}
         return sweep_of(turned, shape=shape[::-1], start_s=start_s, pose=pose, metadata=metadata)
     stamps = recorded_columns.pop("time")
-    time_s, first_s = (None, start_s) if stamps is None else _times(stamps, range_m, start_s)
+    in_ns = "offset_ns" in by_name  # floats too, in a table with gaps
+    time_s, first_s = (None, start_s) if stamps is None else _times(stamps, range_m, start_s, in_ns=in_ns)
     scalars = {key: None if values is None else values.reshape(sweep_shape) for key, values in recorded_columns.items()}
     return Sweep(
         range_m=range_m.reshape(sweep_shape),
@@ -95,14 +96,14 @@ def _has_rows_of_firings(lasers: Any) -> bool:
     return bool(lasers.std(axis=1, ddof=1).mean() > ACROSS * lasers.std(axis=0, ddof=1).mean())
 
 
-def _times(stamps: Numbers, range_m: Numbers, start_s: float) -> tuple[Numbers, float]:
+def _times(stamps: Numbers, range_m: Numbers, start_s: float, *, in_ns: bool) -> tuple[Numbers, float]:
     """Times from the first point [s], and the time of that. Integers are nanoseconds, as in drivers, floats seconds.
 
     Floats that would be later than the year 30,000,000 in seconds are nanoseconds, as Livox's driver has them.
     """
     if stamps.dtype.kind == "u":  # of which nothing is before the first point, where lost pulses may be
         stamps = stamps.astype(np.int64)
-    in_ns = stamps.dtype.kind in "iu" or bool(np.nanmax(stamps, initial=0.0) > LARGEST_S)
+    in_ns = in_ns or stamps.dtype.kind in "iu" or bool(np.nanmax(stamps, initial=0.0) > LARGEST_S)
     scale = 1e-9 if in_ns else 1.0
     point_stamps = stamps[np.isfinite(range_m) & np.isfinite(stamps)]
     first = point_stamps.min() if len(point_stamps) else stamps.dtype.type(0)

@@ -67,7 +67,7 @@ class MotionFile(Table[Course]):
         if len(ways_given) > 1:
             raise ValueError(f"must have only one of speeds, poses and poses_file, got {' and '.join(ways_given)}")
         if self.at_end and self.poses is None and self.poses_file is None:
-            raise ValueError("at_end must go with poses or poses_file: a motion by speeds has no end")
+            raise ValueError("at_end must go with poses or poses_file in the same table, got neither")
         return self
 
     def motion(self, pose: Pose, *, height_m: Height, on_ground: bool, folder: Path, where: str) -> Motion:

@@ -164,11 +164,11 @@ def test_instances_are_each_there(stage: Any) -> None:
     assert [extent(piece)[0][0] for piece in save_and_read(stage)] == [0.0, 10.0]
 
 
-@pytest.mark.parametrize("specifier", ["SpecifierDef", "SpecifierOver"])
+@pytest.mark.parametrize("specifier", ["SpecifierDef", "SpecifierOver", "SpecifierClass"])
 def test_a_point_instancer_puts_its_prototypes_at_its_points(stage: Any, specifier: str) -> None:
     """The prototype's own shift first, then scale and place; the second point is masked.
 
-    A prototype may be below an `over`, which is drawn nowhere else.
+    A prototype may be below an `over`, which is drawn nowhere else. Below a `class` it is left out, and counted.
     """
     from pxr import Sdf, UsdGeom
 
@@ -182,6 +182,12 @@ def test_a_point_instancer_puts_its_prototypes_at_its_points(stage: Any, specifi
     instancer.CreatePositionsAttr([(0.0, 0.0, 0.0), (50.0, 0.0, 0.0), (100.0, 0.0, 0.0)])
     instancer.CreateScalesAttr([(1.0, 1.0, 1.0), (1.0, 1.0, 1.0), (2.0, 2.0, 2.0)])
     instancer.CreateInvisibleIdsAttr([1])
+    if specifier == "SpecifierClass":
+        add_mesh(stage, "/m", SQUARE, [4], [0, 1, 2, 3])
+        stage.Save()
+        read = usd.read_stage(Path(stage.GetRootLayer().realPath))
+        assert ([piece.keys[-1] for piece in read.pieces], list(read.left_out.values())) == (["/m"], [2])
+        return
     pieces = save_and_read(stage)
     np.testing.assert_allclose(
         [extent(piece) for piece in pieces], [((1, 0, 0), (3, 3, 0)), ((102, 0, 0), (106, 6, 0))]

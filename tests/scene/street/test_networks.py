@@ -1,5 +1,6 @@
 """Scenes of road networks: where an OpenDRIVE road is, what SUMO's traffic becomes, and what is refused."""
 
+import bz2
 import dataclasses
 import math
 import re
@@ -556,6 +557,8 @@ def test_every_body_of_drawn_traffic_loads(homes: Tables, tmp_path: Path) -> Non
     --sumo town.sumocfg --ego walks | town.sumocfg | 'walks' | none
     --opendrive town.xodr --ego a | --ego | --sumo
     --ego a | --ego | --sumo
+    --osm map.osm.pbf | map.osm.pbf | .osm.xml | gzip | osmium cat
+    --osm map.osm.bz2 | map.osm.bz2 | .osm.xml | gzip | osmium cat
     --osm map.osm --length-m 90 | length_m | --osm
     --osm map.osm --sumo a | --sumo | --osm
     """
@@ -563,6 +566,8 @@ def test_every_body_of_drawn_traffic_loads(homes: Tables, tmp_path: Path) -> Non
 def test_mistakes(run: Run, town: tuple[Path, Path], given: str, named: str) -> None:
     for path in town[0].parent.glob("town.*"):
         Path(path.name).write_bytes(path.read_bytes())
+    Path("map.osm.pbf").write_bytes(b"\0\0\0\x0d\n\x09OSMHeader\x18\x7c")
+    Path("map.osm.bz2").write_bytes(bz2.compress(networks.OSM.encode()))
     typed(run, named, "street", *given.split(), "-o", "out")
 
 

@@ -206,6 +206,8 @@ class _Reader:
         usd = self._pxr.Usd
         drawn = usd.PrimIsActive & usd.PrimIsLoaded & ~usd.PrimIsAbstract
         for index, transform in zip(numbers, transforms, strict=True):
+            if prototypes[index].IsAbstract():  # below a `class`, which is drawn nowhere
+                self._left_out["prototype below a class"] += 1
             yield from self.pieces_below(prototypes[index], np.array(transform) @ frame, drawn)
 
     def _pieces(self, prim: Any, frame: Numbers) -> Iterator[SubMesh]:

@@ -33,6 +33,9 @@ from ...maths.arrays import Numbers
 MEMORY_GIB = 4.0
 """Choice: memory that SUMO's programs may take: a long road of tiny pieces would take all there is."""
 
+HEADER_BYTES = 32
+"""Source: OpenStreetMap's PBF format: its first block says within these bytes what it is."""
+
 WITH_LIMIT = (
     "import os, resource, sys; limit = int(sys.argv[1]); resource.setrlimit(resource.RLIMIT_AS, (limit, limit)); "
     "os.execv(sys.argv[2], sys.argv[2:])"
@@ -180,6 +183,11 @@ def convert(map_file: Path, kind: Literal["opendrive", "osm"], folder: Path) -> 
         InputError: if it cannot be converted
     """
     require_file(map_file)
+    with map_file.open("rb") as file:
+        start = file.read(HEADER_BYTES)
+    if kind == "osm" and (start.startswith(b"BZh") or b"OSMHeader" in start):
+        must = "must be XML (.osm, .osm.xml), as it is or by gzip"
+        raise InputError(f"{map_file}: {must}: 'osmium cat {map_file.name} -o map.osm' turns it into that")
     if kind == "opendrive" and b'rule="LHT"' in map_file.read_bytes():
         warn(OptionWarning("{0}: traffic keeps to the left there (rule LHT), and is put on the right here", map_file))
     network = folder / "converted.net.xml"
