@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from helpers.scene_text import scene_of
 
 from lidarscene import catalog
 from lidarscene.labels.boxes import boxes_of_bodies
@@ -69,8 +70,7 @@ def test_boxes_of_labels_are_those_of_the_table_without_mirrors(tmp_path: Path) 
     for name, body in table.items():
         mesh = str(catalog.path_of("meshes", name))
         lines += ["[[bodies]]", f"name = '{name}'", f"mesh = '{mesh}'", f"class = '{body.class_name}'"]
-    (tmp_path / "scene.toml").write_text("\n".join(lines))
-    bodies = load_scene(tmp_path / "scene.toml").bodies
+    bodies = scene_of(tmp_path, "\n".join(lines)).bodies
     with_mirrors = next(body for body in bodies if body.name == "bus_1195")
     assert np.ptp(np.concatenate([part.vertices_m for part in with_mirrors.parts])[:, 1]) > 2.9
     boxes = boxes_of_bodies(list(enumerate(bodies)))

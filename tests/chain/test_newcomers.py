@@ -73,7 +73,7 @@ DUST = """    dust_per_km: Annotated[
         return dust if extinction else None
 
 """
-XYZ_LINE = """    "xyz": Format(suffix=".xyz", columns="`intensity`", **_functions("xyz")),
+XYZ_LINE = """    "xyz": Format(suffix=".xyz", columns="`intensity`", **_functions("xyz", "write")),
 """
 PULSE = """    pulse: Annotated[Measured, Column("pulse", "uint32", "1", "number of the pulse in the frame")]
 """ + "".join(

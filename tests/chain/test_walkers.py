@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers import chain, launches, walker
 from helpers.run_seed import chosen
+from helpers.scene_text import scene_of
 from helpers.traffic import SENSOR, direction, frozen
 
 from lidarscene import catalog, load_scene
@@ -54,9 +55,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def scene_at(folder: Path, speed: float, more: str = "") -> Scene:
-    path = folder / "scene.toml"
-    path.write_text(SCENE.format(speed=speed) + more, encoding="utf-8")
-    return load_scene(path)
+    return scene_of(folder, SCENE.format(speed=speed) + more)
 
 
 def natural_speed(folder: Path) -> float:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers import chain, photons, trains
 from helpers.mistakes import told
+from helpers.scene_text import scene_of
 from helpers.trains import detect
 from scipy.constants import c, h
 from scipy.stats import ks_2samp, kstest, norm, spearmanr
@@ -15,7 +16,6 @@ from lidarscene.light.echoes import Interference
 from lidarscene.physics.electronics import crosstalk
 from lidarscene.rendering.stages import ambient_of
 from lidarscene.scene.scene import Interferer
-from lidarscene.scene.scene_file import load_scene
 from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import Target
 
@@ -229,15 +229,12 @@ material = "asphalt"
 def test_scene_file(tmp_path):
     text = '[[interference]]\nkind = "lamps"\nirradiance_w_m2 = 0.5\n' * 2
     text += '[[interference]]\nkind = "lidar"\nrate_hz = 1e4\nirradiance_w_m2 = 1e-3\n'
-    path = tmp_path / "lit.toml"
-    path.write_text(SCENE + text, encoding="utf-8")
-    scene = load_scene(path)
+    scene = scene_of(tmp_path, SCENE + text)
     assert scene.lamps_w_m2 == 1.0
     assert scene.interferers == (Interferer(rate_hz=1e4, irradiance_w_m2=1e-3, spread_db=6.0),)
     assert ambient_of(scene, chain.sensor("table1-apd")).lamps_w_m2 == 1.0
-    path.write_text(SCENE + text.replace("lidar", "radar"), encoding="utf-8")
     with told("interference"):
-        load_scene(path)
+        scene_of(tmp_path, SCENE + text.replace("lidar", "radar"))
 
 
 def test_of_three_lidars_the_last_has_its_share_and_its_peaks():

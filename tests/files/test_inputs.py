@@ -12,6 +12,7 @@ import pytest
 from helpers.clouds import small_cloud
 from helpers.formats import need
 from helpers.mistakes import told
+from helpers.scene_text import scene_of
 
 from lidarscene import PointCloud, load_scene
 from lidarscene.errors import InputError
@@ -153,9 +154,8 @@ def test_deep_toml(tmp_path: Path, text: str) -> None:
 
 
 def test_long_texts_are_shortened(tmp_path: Path) -> None:
-    (tmp_path / "a.toml").write_text("a" * 20_000 + " = 1")
     with told("a.toml | key | ... "):
-        load_scene(tmp_path / "a.toml")
+        scene_of(tmp_path, "a" * 20_000 + " = 1", "a.toml")
 
 
 def test_a_text_file_of_gigabytes(tmp_path: Path) -> None:

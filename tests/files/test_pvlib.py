@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 from helpers.mistakes import mistakes, told
+from helpers.scene_text import scene_of
 
-from lidarscene import load_scene
 from lidarscene.errors import LidarSceneError
 from lidarscene.files import pvlib
 from lidarscene.scene.scene import Sun
@@ -18,9 +18,7 @@ BODY = '[[bodies]]\nname = "ball"\nprimitive = "sphere"\nradius_m = 1\nmaterial 
 
 
 def sun_of(folder: Path, entry: str) -> Sun:
-    path = folder / "scene.toml"
-    path.write_text(f"sun = {{ {entry} }}\n{BODY}", encoding="utf-8")
-    return load_scene(path).sun
+    return scene_of(folder, f"sun = {{ {entry} }}\n{BODY}").sun
 
 
 def north_up(latitude_deg: float, longitude_deg: float, time: str) -> tuple[float, float]:

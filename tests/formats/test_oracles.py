@@ -135,7 +135,7 @@ FIELDS: dict[str, Fields] = {
         E57_NAMES.get(name, f"ls:{name}"): np.minimum(values, LARGEST)
         for name, values in known("return_number").items()
     }
-    | {"returnIndex": [0, 1, 0]},
+    | {"returnIndex": [0, 1, 0], "returnCount": [1, 2, 1]},  # as LAS's number_of_returns
     "kitti": LOCAL | {"intensity": KNOWN["intensity"]},
     "nuscenes": LOCAL | {"intensity": KNOWN["intensity"], "ring": [2, 0, 1]},  # rising, as an HDL-32E's
     "velodyne": known(**LOCAL),

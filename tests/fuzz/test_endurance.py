@@ -16,10 +16,11 @@ import pytest
 from helpers.command_line import COARSE
 from helpers.folders import begun
 from helpers.run_seed import run_seed
+from helpers.scene_text import scene_of
 from helpers.waiting import PATIENCE_S, wait_until
 from helpers.walls import MOVING
 
-from lidarscene import PointCloud, Simulator, load_scene, load_sensor
+from lidarscene import PointCloud, Simulator, load_sensor
 from lidarscene.kernel.device.profile import kernel_history
 
 LONG = os.environ.get("ENDURANCE") == "1"
@@ -38,9 +39,8 @@ def _resident() -> int:
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory and open files are read from /proc")
 def test_frames_compile_and_leave_nothing(mi: Any, tmp_path: Path) -> None:
     """No growth of memory, of open files, of files, of kernels; a scene that moves, another seed in each frame."""
-    (tmp_path / "moving.toml").write_text(MOVING)
     sensor = load_sensor("table1-apd", overrides=[option.removeprefix("--set=") for option in COARSE])
-    simulator = Simulator(load_scene(tmp_path / "moving.toml"), sensor)
+    simulator = Simulator(scene_of(tmp_path, MOVING), sensor)
     memory = files = compiled = 0
     with kernel_history() as history:
         for number in range(FRAMES):
@@ -53,7 +53,7 @@ def test_frames_compile_and_leave_nothing(mi: Any, tmp_path: Path) -> None:
     assert history.launched >= FRAMES
     assert history.compiled == compiled
     assert len(os.listdir("/proc/self/fd")) == files
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.ply", "moving.toml"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.ply", "scene.toml"]
     assert _resident() - memory < GROWTH
 
 

@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.scene_text import scene_of
 
-from lidarscene import catalog, load_scene, load_sensor
+from lidarscene import catalog, load_sensor
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.labels import kitti_dataset
 from lidarscene.labels.boxes import boxes
@@ -59,8 +60,7 @@ def car_park(folder: Path) -> Scene:
         parts = ", ".join(f'{part} = "{material}"' for part, material in (materials | kind["materials"]).items())
         lines += [f'[[bodies]]\nname = "{name}"\nclass = "{kind["class"]}"\nmesh = "{catalog.path_of("meshes", name)}"']
         lines += [f"yaw_deg = 30\nmaterials = {{ {parts} }}\ninstances = [{', '.join(places[name])}]"]
-    (folder / "park.toml").write_text("\n".join(lines), encoding="utf-8")
-    return load_scene(folder / "park.toml")
+    return scene_of(folder, "\n".join(lines))
 
 
 def from_above(folder: Path, scene: Scene) -> PointCloud:

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import chain
+from helpers.scene_text import scene_of
 
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.rendering.pieces import pieces_of
 from lidarscene.rendering.simulator import Simulator
-from lidarscene.scene.scene_file import load_scene
 
 pytestmark = pytest.mark.usefixtures("mi")
 
@@ -25,9 +25,8 @@ MOVES = '[[bodies]]\nname = "van"\nprimitive = "box"\nsize_m = [4, 2, 2]\nmateri
 
 
 def simulator(folder: Path, reach: str) -> Simulator:
-    path = folder / f"{reach[:5] or 'whole'}.toml"
-    path.write_text(f"{reach}\n{SCENE}{GROUND}{MOVES}[bodies.motion]\nspeed_m_s = 20\n")
-    return Simulator(load_scene(path), chain.sensor("table1-apd", "scanner.azimuth_step_deg=0.5"))
+    scene = scene_of(folder, f"{reach}\n{SCENE}{GROUND}{MOVES}[bodies.motion]\nspeed_m_s = 20\n")
+    return Simulator(scene, chain.sensor("table1-apd", "scanner.azimuth_step_deg=0.5"))
 
 
 def points_by_pulse(cloud: PointCloud) -> dict[int, tuple[str, float]]:

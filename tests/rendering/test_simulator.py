@@ -158,7 +158,9 @@ def test_frames_that_are_traced_together_are_those_rendered_alone(scene, sensor,
 
 
 def test_frames_that_cannot_be_traced_together() -> None:
-    """Channels that see each other, whose lines end within a packet, and a chunk that holds one frame."""
+    """Channels that see each other, whose lines end within a packet, a chunk that holds one frame; and points that are
+    placed in double precision, from 1000 m on, beside others.
+    """
     sim = Simulator(load_scene(CAR), load_sensor("livox-mid-40"))
     together = launches.count_frames(sim)
     sim.begin(FrameOptions(number=1, chunk=15_000), 4)
@@ -168,6 +170,12 @@ def test_frames_that_cannot_be_traced_together() -> None:
     sim.numbering = Numbering(sim.sensor.scanner, tiled=False, whole=100)
     sim.begin(FrameOptions(number=6), 4)
     assert together == [1, 1]
+    leaves = Course(start=Pose.from_degrees(position_m=(995.0, 0.0, 0.0)), speed_m_s=20.0)
+    sim = Simulator(replace(chain.scene(chain.facing(range_m=50.0, size_m=40.0)), ego=leaves), sim.sensor)
+    for coordinates, frames in (("world", 2), ("vehicle", 4)):
+        together = launches.count_frames(sim)
+        sim.begin(FrameOptions(number=1, coordinates=coordinates), 4)
+        assert together == [frames]
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ import pytest
 from helpers.command_line import Run
 from helpers.mistakes import assert_names
 from helpers.run_seed import chosen
+from helpers.scene_text import scene_of
 
 from lidarscene import Scene, Sun, load_scene, load_sensor, render, render_frames
 from lidarscene.errors import OptionWarning
@@ -209,9 +210,8 @@ def test_an_ego_that_leaves_the_ground_is_named_with_the_time(mi, run: Run, tmp_
 
 def test_the_way_of_a_vehicle_is_followed_without_its_springs(tmp_path: Path) -> None:
     """The ground below the wheels is asked for where the vehicle begins to ride, not for all of the two minutes."""
-    path = tmp_path / "yard.toml"
-    path.write_text(YARD.replace("speed_m_s = 10.0\n[sensor]", "speed_m_s = 10.0\nride = {}\n[sensor]"))
-    scene, asked = load_scene(path), []
+    riding = YARD.replace("speed_m_s = 10.0\n[sensor]", "speed_m_s = 10.0\nride = {}\n[sensor]")
+    scene, asked = scene_of(tmp_path, riding), []
 
     def height_m(place_m: np.ndarray) -> np.ndarray:
         asked.append(len(place_m))

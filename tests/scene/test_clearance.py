@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from helpers import chain
 from helpers.mistakes import told
+from helpers.scene_text import scene_of
 
-from lidarscene import Scene, Simulator, load_scene
+from lidarscene import Scene, Simulator
 from lidarscene.errors import InputError
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course
@@ -104,18 +105,16 @@ def test_the_distance_to_a_triangle(corner):
 
 def test_a_scene_file_without_a_place_stands_above_its_ground(tmp_path):
     """The first scene that a newcomer writes."""
-    (tmp_path / "first.toml").write_text(GROUND)
-    scene = load_scene(tmp_path / "first.toml")
+    scene = scene_of(tmp_path, GROUND)
     np.testing.assert_array_equal(scene.sensor_pose.position_m, (0.0, 0.0, 1.8))
-    (tmp_path / "turned.toml").write_text('[sensor]\nname = "table1-sipm"\nyaw_deg = 90\n' + GROUND)
-    np.testing.assert_array_equal(load_scene(tmp_path / "turned.toml").sensor_pose.position_m, (0.0, 0.0, 1.8))
+    turned = scene_of(tmp_path, '[sensor]\nname = "table1-sipm"\nyaw_deg = 90\n' + GROUND)
+    np.testing.assert_array_equal(turned.sensor_pose.position_m, (0.0, 0.0, 1.8))
 
 
 @pytest.mark.parametrize("name", ["table1-apd", "table1-sipm"])
 def test_a_sensor_on_the_ground_is_told_of(mi, tmp_path, name):
     """Rationale: with an APD this was a traceback of NaN, with a SiPM 75,726 echoes at the origin."""
-    (tmp_path / "first.toml").write_text("[sensor]\nposition_m = [0, 0, 0]\n" + GROUND)
-    simulator = Simulator(load_scene(tmp_path / "first.toml"), chain.sensor(name))
+    simulator = Simulator(scene_of(tmp_path, "[sensor]\nposition_m = [0, 0, 0]\n" + GROUND), chain.sensor(name))
     for call in (simulator.render, lambda: simulator.check_frames([0])):
         with told("(0, 0, 0) | 0 mm | 'ground'"):
             call()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 from helpers.command_line import Run
+from helpers.scene_text import scene_of
 
 from lidarscene import catalog
 from lidarscene.cloud.point_cloud import PointCloud
@@ -13,11 +14,6 @@ from lidarscene.scene.scene import Part, Scene, box_of
 from lidarscene.scene.scene_file import files_of_scene, load_scene, scene_model
 
 VAN_M = (5.3, 2.0, 2.4)
-
-
-def scene_of(folder: Path, text: str, name: str = "mine.toml") -> Scene:
-    (folder / name).write_text(text)
-    return load_scene(folder / name)
 
 
 def van(folder: Path, name: str = "van.obj") -> Path:
@@ -56,7 +52,7 @@ def test_a_scene_adds_to_another(tmp_path: Path) -> None:
     assert catalog.path_of("scenes", "drive").absolute() in {
         path.absolute() for path in files_of_scene(tmp_path / "mine.toml")
     }
-    assert scene_of(tmp_path, text).name == "mine"
+    assert scene_of(tmp_path, text, "mine.toml").name == "mine"
 
 
 def test_one_extends_one_that_extends_a_street(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.scene_text import scene_of
 from helpers.street import triangle
 from scipy.interpolate import CubicHermiteSpline
 from scipy.signal import welch
@@ -44,12 +45,6 @@ def bend(*, offset_m: float = 0.0, width_m: float = 5.0, climbs_m: float = 0.0) 
     line_m = np.stack([30 * np.sin(angle), 30 - 30 * np.cos(angle), np.linspace(0.0, climbs_m, 18)], axis=1)
     line_m[-1, :2] = 30.0, 42.0
     return Strip(line_m=line_m, width_m=width_m, offset_m=offset_m, spacing_m=0.7)
-
-
-def scene_of(folder: Path, text: str) -> Scene:
-    path = folder / "scene.toml"
-    path.write_text(text)
-    return load_scene(path)
 
 
 def mesh_of(scene: Scene, name: str) -> tuple[np.ndarray, np.ndarray]:

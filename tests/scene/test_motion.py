@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.mistakes import told
+from helpers.scene_text import scene_of
 from helpers.walls import ROOF_AND_LEFT
 from scipy.spatial.transform import Rotation
 
@@ -14,18 +15,11 @@ from lidarscene import catalog, load_rig, load_sensor
 from lidarscene.maths.trajectory import Course, Riding, Spline, pose_at
 from lidarscene.rendering.frame import check_frame
 from lidarscene.scene.poses import read_poses
-from lidarscene.scene.scene import Scene
-from lidarscene.scene.scene_file import files_of_scene, load_scene
+from lidarscene.scene.scene_file import files_of_scene
 
 BOX = '[[bodies]]\nname = "box"\nprimitive = "box"\nsize_m = [1, 2, 3]\nmaterial = "brick"\n'
 CSV = "time_s,x_m,y_m,z_m,yaw_deg\n0,0,0,0,0\n1,10,0,0,0\n2,20,5,0,45\n"
 TUM = "# time x y z qx qy qz qw\n0 0 0 0 0 0 0 1\n1 10 0 0 0 0 0 1\n2 20 5 0 0 0 0.38268343 0.92387953\n"
-
-
-def scene_of(folder: Path, text: str) -> Scene:
-    path = folder / "scene.toml"
-    path.write_text(text)
-    return load_scene(path)
 
 
 def yaw_deg(rotation: np.ndarray) -> float:

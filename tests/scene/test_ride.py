@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.roads import output_spectrum, wheel_spectrum
+from helpers.scene_text import scene_of
 
 from lidarscene.maths.pose import Pose, rotation_matrix
 from lidarscene.maths.trajectory import Course, Riding, Spline, states_of
@@ -14,7 +15,6 @@ from lidarscene.physics.road.roughness import RoughSurface
 from lidarscene.physics.road.suspension import Suspension
 from lidarscene.scene import ride as rides
 from lidarscene.scene.ride import BLOCK_NODES, FOLLOW_S, STEP_S, Ride
-from lidarscene.scene.scene import Scene
 from lidarscene.scene.scene_file import load_scene
 
 SPEED_M_S = 13.9
@@ -25,12 +25,6 @@ def ride(seed: int = 3, *, roughness="C", **course) -> Ride:
     start = Pose.from_degrees(position_m=(60.0, -1.6, 0.0), yaw_deg=20.0)
     path = Course(start=start, **({"speed_m_s": SPEED_M_S} | course))
     return Ride(path=path, height_m=RoughSurface.draw(roughness, seed).height_m, suspension=Suspension())
-
-
-def scene_of(folder: Path, text: str) -> Scene:
-    path = folder / "scene.toml"
-    path.write_text(text)
-    return load_scene(path)
 
 
 def test_a_straight_ride_is_a_sum_of_waves_through_the_response() -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.scene_text import scene_of as written
 
 from lidarscene import catalog
 from lidarscene.scene.scene import Ball, Part, Scene
@@ -15,9 +16,7 @@ HOUSE = "v 0 0 0\nv 2 0 0\nv 2 2 0\nv 0 0 1\nusemtl wall\nf 1 2 3\nusemtl roof\n
 
 def scene_of(folder: Path, text: str) -> Scene:
     (folder / "house.obj").write_text(HOUSE)
-    path = folder / "scene.toml"
-    path.write_text(text)
-    return load_scene(path)
+    return written(folder, text)
 
 
 def body(more: str) -> str:

@@ -8,10 +8,10 @@ import pytest
 import trimesh
 from helpers.command_line import Run
 from helpers.mistakes import told
+from helpers.scene_text import scene_of
 
 from lidarscene.errors import OptionError, OptionWarning
 from lidarscene.scene.bare_mesh import mesh_description
-from lidarscene.scene.scene_file import load_scene
 from lidarscene.scene.sizes import size_text
 
 CAR = Path(__file__).parents[2] / "assets" / "meshes" / "car.glb"
@@ -22,8 +22,7 @@ BODY = '[[bodies]]\nname = "own"\nclass = "{}"\nmesh = "{}"\nmaterial = "car_pai
 
 def body(folder: Path, mesh: str, *, class_name: str = "car", keys: str = "") -> np.ndarray:
     """Edges of a body that is this mesh."""
-    (folder / "s.toml").write_text(BODY.format(class_name, mesh, keys))
-    (part,) = load_scene(folder / "s.toml").bodies[0].parts
+    (part,) = scene_of(folder, BODY.format(class_name, mesh, keys)).bodies[0].parts
     return np.ptp(part.extent_m, axis=0)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from helpers.gltf import WALL, Gltf
 from helpers.run_seed import chosen
+from helpers.scene_text import scene_of
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial import KDTree
 
@@ -31,9 +32,7 @@ def person(folder: Path, name: str, motion: str) -> Body:
     materials = ", ".join(f'{part} = "{value}"' for part, value in kind["materials"].items())
     text = f'[[bodies]]\nname = "{name}"\nmesh = "{catalog.path_of("meshes", name)}"\nmaterials = {{ {materials} }}\n'
     text += "".join(f'{key} = "{kind[key]}"\n' for key in ("animation", "standing") if key in kind)
-    path = folder / f"{name}.toml"
-    path.write_text(f'{text}material = "denim"\nmotion = {{ {motion} }}\n', encoding="utf-8")
-    (body,) = load_scene(path).bodies
+    (body,) = scene_of(folder, f'{text}material = "denim"\nmotion = {{ {motion} }}\n').bodies
     return body
 
 
@@ -132,8 +131,7 @@ def test_wheels_of_what_the_ego_vehicle_carries_roll(tmp_path: Path, yaw_deg: in
     """What is lowest hardly moves while the body goes on, whether it looks ahead or back."""
     text = f'[[bodies]]\nname = "car"\nmesh = "{catalog.path_of("meshes", "car")}"\nmaterial = "asphalt"\n'
     text += f'animation = "roll"\nyaw_deg = {yaw_deg}\nmotion = {{ with_ego = true }}\n[ego]\nspeed_m_s = 5\n'
-    (tmp_path / "scene.toml").write_text(text, encoding="utf-8")
-    (body,) = load_scene(tmp_path / "scene.toml").bodies
+    (body,) = scene_of(tmp_path, text).bodies
     for time_s in np.linspace(0.05, 0.35, 7):
         before, after = in_world(body, time_s), in_world(body, time_s + 1e-3)
         gone_m, _ = KDTree(after).query(before[before[:, 2].argmin()])

@@ -6,11 +6,11 @@ from typing import get_args
 import numpy as np
 import pytest
 from helpers import chain, drops
+from helpers.scene_text import scene_of
 
 from lidarscene import Simulator
 from lidarscene.physics.weather import fog, precipitation
 from lidarscene.scene.scene import Air
-from lidarscene.scene.scene_file import load_scene
 from lidarscene.scene.weather import FogKind, Weather
 
 BODY = '[[bodies]]\nname = "wall"\nprimitive = "plane"\nsize_m = [4, 4]\nposition_m = [9, 0, 0]\nmaterial = "brick"\n'
@@ -18,9 +18,7 @@ LASERS_M = (905e-9, 1550e-9)
 
 
 def air_of(folder: Path, text: str) -> Air:
-    path = folder / "scene.toml"
-    path.write_text(text + BODY)
-    return load_scene(path).air
+    return scene_of(folder, text + BODY).air
 
 
 def test_kinds_of_fog_are_those_that_are_known() -> None:

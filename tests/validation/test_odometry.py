@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.scene_text import scene_of
 
 from lidarscene import PointCloud, Simulator, load_scene, load_sensor
 from lidarscene.maths.arrays import Numbers
@@ -74,9 +75,7 @@ def test_small_gicp_follows_sixteen_beams_through_traffic(tmp_path: Path) -> Non
     from scipy.spatial.transform import Rotation
 
     begin_s, locked = 15.0, 10
-    path = tmp_path / "avenue.toml"
-    path.write_text("[street]\nseed = 1\nlength_m = 400\n")
-    simulator = Simulator(load_scene(path), load_sensor("vlp-16"))
+    simulator = Simulator(scene_of(tmp_path, "[street]\nseed = 1\nlength_m = 400\n"), load_sensor("vlp-16"))
     voxels = small_gicp.GaussianVoxelMap(1.0)
     voxels.set_lru(horizon=100, clear_cycle=10)
     pose, step, poses = np.eye(4), np.eye(4), []

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.scene_text import scene_of
 from helpers.small_scene import COARSE, SCENE
 
-from lidarscene import Simulator, deskewed, load_scene, load_sensor
+from lidarscene import Simulator, deskewed, load_sensor
 from lidarscene.view import page_sources
 from lidarscene.view.blob import unpack_blob
 from lidarscene.view.page_sources import Clouds
@@ -20,9 +21,7 @@ EGO = f"[ego]\nposition_m = [-2.0, 0.5, 0.0]\nyaw_deg = 5.0\nspeed_m_s = {SPEED_
 @pytest.fixture
 def moving(mi: Any, tmp_path: Path) -> Simulator:
     """The vehicle drives, and what it meets stands still."""
-    path = tmp_path / "moving.toml"
-    path.write_text(SCENE + EGO)
-    return Simulator(load_scene(path), load_sensor("table1-apd", overrides=COARSE))
+    return Simulator(scene_of(tmp_path, SCENE + EGO), load_sensor("table1-apd", overrides=COARSE))
 
 
 @pytest.mark.parametrize("coordinates", ["world", "vehicle", "sensor"])
@@ -49,8 +48,7 @@ def test_why_there_is_one_layer(moving: Simulator, tmp_path: Path) -> None:
     """
     cloud = moving.render(coordinates="world")
     assert page_sources.deskewed_positions_m(cloud, None) == (None, page_sources.NO_SCENE)
-    (tmp_path / "still.toml").write_text(SCENE)
-    standing_scene = load_scene(tmp_path / "still.toml")
+    standing_scene = scene_of(tmp_path, SCENE)
     assert page_sources.deskewed_positions_m(cloud, standing_scene) == (None, page_sources.OTHER_SCENE)
     rig = dataclasses.replace(cloud, sensor_names=("left", "right"))
     assert page_sources.deskewed_positions_m(rig, moving.scene) == (None, page_sources.SEVERAL)

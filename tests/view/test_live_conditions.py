@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.mistakes import told
+from helpers.scene_text import scene_of
 from helpers.small_scene import COARSE, SCENE
 
 import lidarscene
@@ -105,8 +106,7 @@ def test_a_moving_scene_opens_at_its_sensor(mi: Any, tmp_path: Path) -> None:
 
     The second frame begins 4.62 ms later: 231 pulses at 50 kHz, in which the vehicle drives 69.3 mm.
     """
-    (tmp_path / "m.toml").write_text(MOVING)
-    live = Live(load_scene(tmp_path / "m.toml"), overrides=COARSE)
+    live = Live(scene_of(tmp_path, MOVING), overrides=COARSE)
     header, arrays = unpack_blob(live.stage())
     assert header["camera"]["eye"] == pytest.approx([-74.0, -2.5, 4.8])
     later, moved = unpack_blob(live.stage(1))
@@ -117,25 +117,24 @@ def test_a_moving_scene_opens_at_its_sensor(mi: Any, tmp_path: Path) -> None:
 
 
 def test_raw_and_deskewed_are_two_layers(mi: Any, tmp_path: Path) -> None:
-    (tmp_path / "m.toml").write_text(MOVING.replace("-70.0", "0.0"))
-    scene = load_scene(tmp_path / "m.toml")
+    scene = scene_of(tmp_path, MOVING.replace("-70.0", "0.0"))
     _, arrays = unpack_blob(Live(scene, overrides=COARSE).frame(0))
     simulator = lidarscene.Simulator(scene, lidarscene.load_sensor("table1-apd", overrides=COARSE))
     cloud = simulator.render()
     deskewed_cloud = lidarscene.deskewed(cloud, simulator.motion, length_s=simulator.sensor.scanner.frame_s)
     np.testing.assert_allclose(arrays["still"].reshape(-1, 3), deskewed_cloud.xyz_m, atol=1e-5)
     assert np.abs(deskewed_cloud.xyz_m - cloud.xyz_m).max() > 0.01
-    (tmp_path / "s.toml").write_text(SCENE)
-    assert "still" not in unpack_blob(Live(load_scene(tmp_path / "s.toml"), overrides=COARSE).frame(0))[1]
+    assert "still" not in unpack_blob(Live(scene_of(tmp_path, SCENE), overrides=COARSE).frame(0))[1]
 
 
 def test_the_camera_stays_in_the_room(mi: Any, tmp_path: Path) -> None:
     """A closed room of 12 x 8 x 3 m around the sensor, without a view of its own: the eye is within the walls."""
-    (tmp_path / "room.toml").write_text(
+    room = scene_of(
+        tmp_path,
         '[sensor]\nposition_m = [-4.0, 0.0, 1.6]\n[[bodies]]\nname = "room"\nprimitive = "box"\n'
-        'size_m = [12.0, 8.0, 3.0]\nposition_m = [0.0, 0.0, 1.5]\nmaterial = "concrete"\n'
+        'size_m = [12.0, 8.0, 3.0]\nposition_m = [0.0, 0.0, 1.5]\nmaterial = "concrete"\n',
     )
-    header, _ = unpack_blob(Live(load_scene(tmp_path / "room.toml"), overrides=COARSE).stage())
+    header, _ = unpack_blob(Live(room, overrides=COARSE).stage())
     eye = np.array(header["camera"]["eye"])
     assert (np.abs(eye - [0.0, 0.0, 1.5]) < [6.0, 4.0, 1.5]).all()
 

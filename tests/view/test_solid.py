@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.meshes import area_m2
+from helpers.scene_text import scene_of
 
 from lidarscene import load_scene
 from lidarscene.kernel.world.triangles import revolve, sphere, triangles_of_base
@@ -50,9 +51,7 @@ def test_solid_of_a_scene(scene_file: Path, mi: Any) -> None:
 
 def test_shapes_of_a_mitsuba_file(tmp_path: Path, mi: Any) -> None:
     """Rationale: areas by closed form, and corners by Mitsuba's own bounding boxes, which it computes by itself."""
-    path = tmp_path / "shapes.xml"
-    path.write_text(XML)
-    drawn = {shape.name: shape for shape in triangles_of_base(load_scene(path), 905e-9)}
+    drawn = {shape.name: shape for shape in triangles_of_base(scene_of(tmp_path, XML, "shapes.xml"), 905e-9)}
     areas = {"board": 32.0, "ball": 4 * math.pi * 0.49, "box": 6.0, "plate": math.pi * 400.0}
     areas["post"] = 2 * math.pi * 0.1 * 2.0
     assert drawn.keys() == areas.keys()

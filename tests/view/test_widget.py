@@ -11,9 +11,10 @@ import pytest
 from helpers.chromium import Chromium
 from helpers.clouds import small_cloud
 from helpers.mistakes import told
+from helpers.scene_text import scene_of
 from helpers.small_scene import COARSE, SCENE
 
-from lidarscene import LidarSceneError, load_scene
+from lidarscene import LidarSceneError
 from lidarscene.files import optional
 from lidarscene.view import notebook, widget
 from lidarscene.view.blob import unpack_blob
@@ -63,8 +64,7 @@ def test_a_cloud_is_a_widget_that_answers() -> None:
 
 
 def test_a_scene_is_rendered_anew(mi: object, tmp_path: Path) -> None:
-    (tmp_path / "s.toml").write_text(SCENE)
-    live = Live(load_scene(tmp_path / "s.toml"), overrides=COARSE)
+    live = Live(scene_of(tmp_path, SCENE), overrides=COARSE)
     frames = [widget.answer(live, {"number": 1, "name": "render", "settings": {"run.seed": seed}}) for seed in (1, 2)]
     ranges = [unpack_blob(blob)[1]["xyz"].tolist() for _, (blob,) in frames]
     assert ranges[0] != ranges[1]

@@ -1,9 +1,9 @@
 """Write point clouds as E57 (ASTM E2807). Needs pye57.
 
 One scan. Standard fields: cartesianX/Y/Z, intensity, timeStamp (from the start of the frame), returnIndex (from 0),
-rowIndex (the ring). Every other column is a field of its name in our own extension,
-prefix `ls`. The scan's pose takes the points into the world; a cloud in the world frame has none. The
-`cloud_description.description` is the scan's description.
+returnCount, rowIndex (the ring). Every other column is a field of its name in our own extension, prefix `ls`. The
+scan's pose takes the points into the world; a cloud in the world frame has none. The `cloud_description.description`
+is the scan's description.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from ..maths.arrays import Numbers
 from ..maths.rotations import quaternion
 from .cloud_columns import Cloud
 from .cloud_description import LARGEST, description, library_errors
+from .las import returns_of_pulses
 
 PREFIX, URI = "ls", "https://lidarscene.invalid/e57/1"
 FIELDS = {
@@ -91,6 +92,7 @@ def _columns(cloud: Cloud) -> dict[str, Numbers]:
         if values.dtype.kind == "f":  # there is no infinity in E57
             values = np.clip(values, -LARGEST, LARGEST).astype(values.dtype)
         columns[FIELDS.get(column.name, f"{PREFIX}:{column.name}")] = values
+    columns["returnCount"] = np.maximum(returns_of_pulses(cloud), columns["returnIndex"] + 1)
     return columns
 
 

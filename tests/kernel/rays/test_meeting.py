@@ -85,7 +85,7 @@ def test_survey_is_believed():
 
 
 def test_frame_after_a_survey_is_that_of_rays_that_ask_again(monkeypatch):
-    """Of two faces at an edge a ray may meet either, by the rays beside it: of these directions there is none."""
+    """No direction here meets an edge, where a ray may meet either of two faces, by the rays beside it."""
     still = [body for body in crossing().bodies if body.motion is None]
     sensor = chain.sensor("table1-apd", "scanner.azimuth_step_deg=0.5", "scanner.elevation_step_deg=0.5")
     first = Simulator(chain.scene(*still, materials=MATERIALS), sensor)

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from helpers.scene_text import scene_of
 
 from lidarscene.errors import OptionWarning
 from lidarscene.maths.arrays import Numbers
 from lidarscene.maths.pose import Pose
 from lidarscene.scene.meshes.mesh_axes import UNITS, Axis, turn_upright
 from lidarscene.scene.scene import Part
-from lidarscene.scene.scene_file import load_scene
 
 BOX = (2.0, 1.0, 3.0)
 TURNS = {"x": Pose.from_degrees(pitch_deg=90.0), "y": Pose.from_degrees(roll_deg=90.0), "z": Pose()}
@@ -29,8 +29,7 @@ def test_a_turn_is_a_rotation_that_lifts_the_axis(up: Axis) -> None:
 
 def extent_m(folder: Path, mesh: str, keys: str = "") -> Numbers:
     """(3,) size of a body that is this mesh."""
-    (folder / "a.toml").write_text(f'[[bodies]]\nname = "b"\nmesh = "{mesh}"\nmaterial = "concrete"\n{keys}\n')
-    body = load_scene(folder / "a.toml").bodies[0]
+    body = scene_of(folder, f'[[bodies]]\nname = "b"\nmesh = "{mesh}"\nmaterial = "concrete"\n{keys}\n').bodies[0]
     points = np.concatenate([body.pose.apply(p.vertices_m) for p in body.parts if isinstance(p, Part)])
     return np.ptp(points, axis=0)
 

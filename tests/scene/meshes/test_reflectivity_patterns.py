@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from helpers.scene_text import scene_of
 from PIL import Image
 
 from lidarscene.scene.meshes import reflectivity_patterns
 from lidarscene.scene.meshes.reading import read_mesh
-from lidarscene.scene.scene_file import load_scene
 
 CORNERS = [[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]]
 FACES = [[0, 1, 2], [0, 2, 3]]
@@ -110,8 +110,7 @@ pattern = "{pattern}"
 
 
 def scene(folder: Path, **values: str):
-    (folder / "scene.toml").write_text(SCENE.format(**values))
-    return load_scene(folder / "scene.toml")
+    return scene_of(folder, SCENE.format(**values))
 
 
 def test_mean_of_a_scene_is_by_area(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers.meshes import area_m2
 from helpers.mistakes import told
+from helpers.scene_text import scene_of
 
 from lidarscene.errors import OptionWarning
 from lidarscene.maths.arrays import Numbers
@@ -15,7 +16,6 @@ from lidarscene.scene.meshes import usd
 from lidarscene.scene.meshes.mesh_cache import SubMesh
 from lidarscene.scene.meshes.reading import read_mesh
 from lidarscene.scene.scene import Part
-from lidarscene.scene.scene_file import load_scene
 
 pytest.importorskip("pxr")
 
@@ -228,13 +228,11 @@ def test_a_scene_file_names_a_stage_and_its_materials(stage: Any, tmp_path: Path
     bind(stage.GetPrimAtPath("/wall"), add_material(stage, "/looks/stone"))
     stage.Save()
     text = '[[bodies]]\nname = "w"\nmesh = "stage.usda"\nmaterials = {{ stone = "concrete" }}\n{}'
-    (tmp_path / "a.toml").write_text(text.format(""))
-    (part,) = load_scene(tmp_path / "a.toml").bodies[0].parts
+    (part,) = scene_of(tmp_path, text.format("")).bodies[0].parts
     assert isinstance(part, Part)
     assert (part.material, len(part.faces)) == ("concrete", 2)
-    (tmp_path / "a.toml").write_text(text.format('unit = "mm"\n'))
     with told('bodies[0 "w"].unit | USD | mm'):
-        load_scene(tmp_path / "a.toml")
+        scene_of(tmp_path, text.format('unit = "mm"\n'))
 
 
 def test_mistakes_are_one_line(stage: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

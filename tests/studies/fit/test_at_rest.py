@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from helpers.mistakes import told
 from helpers.rendered_recordings import walls
+from helpers.scene_text import scene_of
 from helpers.turns_at_rest import turns_at_rest
 from helpers.twins import recording_of
 
-from lidarscene import load_scene
 from lidarscene.catalog import sensor_path
 from lidarscene.errors import InputError
 from lidarscene.figures.report import Report
@@ -39,11 +39,12 @@ from lidarscene.studies.fit.pixels_at_rest import PixelsAtRest, pixels_at_rest, 
 from lidarscene.studies.fit.recorded_pulses import BLOCK_COLUMNS
 from lidarscene.studies.fit.recording_fit import SCALE_NOTE, fit_recordings, misses_of
 from lidarscene.studies.fit.sensor_text import at_rest_changes, parse_sensor, put_changes
-from lidarscene.studies.fit.tuning import LIGHT_STARTS
+from lidarscene.studies.fit.tuning import LIGHT_BOUNDS, LIGHT_STARTS
 from lidarscene.studies.held import LIMITS, Held
 from lidarscene.studies.ranging.plane import Target, detection_margin, echoes_of_plane, fluctuation_variance
 from lidarscene.studies.twin.reading_noise import read_boards
 from lidarscene.studies.twin.sensor_grid import on_grid
+from lidarscene.studies.twin.tuning import ASSUMED_KLUX
 
 PANDAR, REV7 = (sensor_path(name).read_text("utf-8") for name in ("pandar64", "os0-128-rev7"))
 TRUTH = {
@@ -308,7 +309,10 @@ def test_weak_surfaces_tell_no_jitter_of_strong_returns(above: float, is_told: b
 
 
 def test_without_a_beam_that_the_file_refuses_the_rest_is_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Rationale: one trial of a beam below its diffraction ended the whole fit."""
+    """Rationale: one trial of a beam below its diffraction ended the whole fit.
+
+    The light over the noise is what is tried, also behind a beam wider than the field, which loses some of it.
+    """
     text = put_changes(PANDAR, {"laser.exit_diameter_mm": (5.0, "")})
     sensor = parse_sensor(text, "unit")
     boards = Boards.of(read_by(sensor, pixels(3, number=2000), 3), sensor)
@@ -316,15 +320,21 @@ def test_without_a_beam_that_the_file_refuses_the_rest_is_fitted(monkeypatch: py
     def try_the_least(
         _: Statistics, predict: Callable[[Numbers], Numbers], start: Numbers, bounds: Numbers, **__: object
     ) -> Solution:
-        predict(bounds[:1])
+        predict(bounds[::-1])
         return Solution(value=start[0], slope=np.eye(len(start[0])), scores=np.zeros((2, len(start[0]))))
 
     monkeypatch.setattr(at_rest, "solve", try_the_least)
+    tried, simulated = [sensor], Boards.simulated
+    monkeypatch.setattr(Boards, "simulated", lambda self, each: (tried.append(each), simulated(self, each))[1])
     keys = ("tdc.jitter_ps", "laser.divergence_mrad", LIGHT)
     names, solved, reasons = _converter_law(boards, boards.recorded(), keys, text, "unit")
     assert names == ("tdc.jitter_ps", LIGHT)
     assert solved is not None
     assert "divergence_mrad: must be" in reasons["laser.divergence_mrad"]
+    target, middle_m = Target(illuminance_klux=ASSUMED_KLUX), np.median(boards.pixels.mean_m)
+    given, most, *_ = (detection_margin(each, target, middle_m).item() for each in tried)
+    assert tried[1].laser.divergence_rad > sensor.laser.divergence_rad
+    assert most / given == pytest.approx(LIGHT_BOUNDS[1])
 
 
 @pytest.mark.parametrize("key", ["tdc.jitter_ps", LIGHT])
@@ -373,9 +383,8 @@ def turns(tmp_path_factory: pytest.TempPathFactory, mi: object) -> tuple[str, li
     )
     true = unit(base, laser__energy_spread=0.05, tdc__jitter_ps=150.0)
     (folder / "unit.toml").write_text(true, "utf-8")
-    (folder / "scene.toml").write_text(walls(), "utf-8")
     sensor = parse_sensor(true, "truth")
-    return base, turns_at_rest(load_scene(folder / "scene.toml"), sensor, frames=3)
+    return base, turns_at_rest(scene_of(folder, walls()), sensor, frames=3)
 
 
 def test_pixels_are_the_same_in_all_turns_and_know_their_lean(turns: tuple[str, list[Sweep]]) -> None:
