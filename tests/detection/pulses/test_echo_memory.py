@@ -185,6 +185,14 @@ def test_a_clipped_amplifier_is_blind_for_the_next_echo(recovery_ns, apart_m, ex
     assert mean_returns(detection) == pytest.approx(expected, abs=0.02)
 
 
+@pytest.mark.parametrize(("signal_a", "expected"), [(10e-6, 1), (40e-6, 2)])
+def test_a_peak_on_charge_counts_from_the_charge(signal_a, expected):
+    """The next pulse is one of its own if it rises by a threshold out of the charge, which drains meanwhile."""
+    keys = ("detector.saturation_ua=50", "detector.recovery_ns=10", "tdc.stops=3", "tdc.timing='peak'")
+    detection, _, _ = echoes(sensor("table1-apd", *keys), 2.5e-8, (5e-3, signal_a), 9.5)
+    assert mean_returns(detection) == pytest.approx(expected, abs=0.02)
+
+
 def test_charge_adds_to_the_next_echo():
     """What is left drains as exp(-t / tau) and carries the next echo: its peak by hand, to rounding."""
     equipped = sensor("table1-apd", "detector.saturation_ua=50", "detector.recovery_ns=5", "tdc.stops=3")
