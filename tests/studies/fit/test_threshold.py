@@ -85,7 +85,8 @@ def test_what_is_lost_for_other_reasons_does_not_blur_the_threshold() -> None:
     near = sweep.near_ir[sweep.signal < 3.0 * level]
     assert np.quantile(near, 0.25) < fit.near_ir < np.quantile(near, 0.75)
     middle = np.array([150.0, 900.0])
-    np.testing.assert_allclose(fit.level(middle), truth.threshold(middle), rtol=0.1)
+    # The level scatters by 3 % in 200 draws, and is 1 % off: five deviations.
+    np.testing.assert_allclose(fit.level(middle), truth.threshold(middle), rtol=0.17)
     # Held-out blocks: 20 bins of the chance, as large as their law says to a few per cent.
     held_out = np.isin(np.arange(sweep.shape[1]) // 20 % 4, 3)
     unit = with_threshold(SENSOR, fit)
