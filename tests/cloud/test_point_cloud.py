@@ -211,7 +211,7 @@ def test_builder_of_nothing_is_an_empty_cloud() -> None:
 
 def test_repr_is_one_line() -> None:
     cloud = small_cloud(status=[0, 0, 1, 0, 0, 1, 0])
-    assert repr(cloud).startswith("PointCloud(7 points: 5 echoes, 2 false alarms; x -")
+    assert repr(cloud).startswith("PointCloud(7 points: 5 echoes, 2 false alarms; x ")
     assert repr(cloud).endswith("m; sensor 'test')")
     assert repr(small_cloud(0)) == "PointCloud(0 points: 0 echoes, 0 false alarms; sensor 'test')"
 

@@ -74,7 +74,7 @@ def test_survey_is_believed():
     asked = moment.meet(ray)
     valid, number = np.array(asked.valid), np.arange(20_000)
     known = valid & (number % 3 > 0)
-    face = mi.Int32(np.where(known, np.array(asked.row), -1))
+    face = mi.Int32(np.where(known, np.array(asked.row).astype(np.int32), -1))
     told, off = (moment.meet(ray, True, (asked.t + extra_m, face)) for extra_m in (0.0, 0.25))
     for name in ("prim_index", "p", "n", "wi"):
         ours, theirs = (np.array(getattr(meeting.surface, name))[..., valid] for meeting in (told, asked))
