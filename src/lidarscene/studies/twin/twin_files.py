@@ -138,11 +138,12 @@ def build_twin(
         notes = [_unit_file(recording, folder / SENSOR, metadata, sensor_index)]
     else:
         notes = [_copy_sensor(sensor, folder / SENSOR, sweeps[choice.judged_frame], recording.path.name)]
-    if sweeps[choice.judged_frame].second is not None:
-        if load_sensor(str(folder / SENSOR)).tdc.stops == 1:
-            put_text(folder / SENSOR, with_second_returns((folder / SENSOR).read_text(encoding="utf-8")))
-        notes.append(f"second returns take several rays of a pulse: lidarscene render {folder / SCENE} --rays {RAYS}")
     unit = load_sensor(str(folder / SENSOR))
+    if sweeps[choice.judged_frame].second is not None:
+        if unit.tdc.stops == 1:
+            put_text(folder / SENSOR, with_second_returns((folder / SENSOR).read_text(encoding="utf-8")))
+            unit = load_sensor(str(folder / SENSOR))
+        notes.append(f"second returns take several rays of a pulse: lidarscene render {folder / SCENE} --rays {RAYS}")
     sweeps = {number: on_grid(sweep, unit.scanner) for number, sweep in sweeps.items()}
     places = place_frames(sweeps, choice.frames[0])
     parts, klux, border = [], [], BORDER if choice.held_out == COLUMNS else 0.0
