@@ -4,7 +4,7 @@ A writer takes a `cloud_columns.Cloud`, a reader returns its fields as a diction
 `PointCloud`, which saves and loads through them. Formats that can be written piece by piece have
 a stream whose bytes do not depend on how the cloud was cut.
 
-cloud_columns      table of all columns, and the data `Cloud` of a point cloud
+cloud_columns      table of all columns, the data `Cloud` of a point cloud, and which points are of one pulse
 category_array     codes that compare by their names
 cloud_description  metadata and names as one line of JSON; errors of reading and writing
 registry           formats by name and suffix

@@ -692,3 +692,23 @@ def attributes(*, truth: bool, vectors: bool) -> tuple[str, ...]:
 def is_constant(column: Numbers) -> bool:
     """True if the column is one value that numpy repeats (strides of 0)."""
     return len(column) > 0 and not any(column.strides)
+
+
+def pulse_changes(cloud: Cloud, rows: slice) -> Numbers:
+    """Mask (n - 1,) of points of another pulse than the point before: time, channel or direction differs."""
+    key = (
+        cloud.column("time")[rows],
+        cloud.column("channel")[rows],
+        cloud.column("azimuth")[rows],
+        cloud.column("elevation")[rows],
+    )
+    return np.asarray(np.any([np.diff(values) != 0 for values in key], axis=0))
+
+
+def returns_of_pulses(cloud: Cloud) -> Numbers:
+    """Return (n,) number of points of each point's pulse: neighbours of the same time, channel and direction."""
+    if not len(cloud):
+        return np.zeros(0, np.uint8)
+    starts = np.flatnonzero(np.r_[True, pulse_changes(cloud, slice(None))])
+    counts = np.diff(np.r_[starts, len(cloud)])
+    return np.repeat(counts, counts).clip(max=255).astype(np.uint8)

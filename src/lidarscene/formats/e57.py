@@ -19,9 +19,8 @@ from ..files.atomic import atomic_output
 from ..files.optional import import_optional
 from ..maths.arrays import Numbers
 from ..maths.rotations import quaternion
-from .cloud_columns import Cloud
+from .cloud_columns import Cloud, returns_of_pulses
 from .cloud_description import LARGEST, description, library_errors
-from .las import returns_of_pulses
 
 PREFIX, URI = "ls", "https://lidarscene.invalid/e57/1"
 FIELDS = {

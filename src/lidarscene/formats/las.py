@@ -23,7 +23,7 @@ from ..files.atomic import atomic_output
 from ..files.inputs import require_unpacked
 from ..files.optional import import_optional
 from ..maths.arrays import Numbers
-from .cloud_columns import Cloud, Column, Fields
+from .cloud_columns import Cloud, Column, Fields, pulse_changes, returns_of_pulses
 from .cloud_description import described_fields, description, input_errors, unit_of
 
 STEP_M = 1e-5
@@ -339,30 +339,10 @@ def _whole_pulses(cloud: Cloud) -> Iterator[Cloud]:
     first = 0
     while first < len(cloud):
         end = min(first + PIECE_POINTS, len(cloud))
-        while end < len(cloud) and not _pulse_changes(cloud, slice(end - 1, end + 1)).any():
+        while end < len(cloud) and not pulse_changes(cloud, slice(end - 1, end + 1)).any():
             end += 1
         yield cloud.select(slice(first, end))
         first = end
-
-
-def _pulse_changes(cloud: Cloud, rows: slice) -> Numbers:
-    """Mask (n - 1,) of points of another pulse than the point before: time, channel or direction differs."""
-    key = (
-        cloud.column("time")[rows],
-        cloud.column("channel")[rows],
-        cloud.column("azimuth")[rows],
-        cloud.column("elevation")[rows],
-    )
-    return np.asarray(np.any([np.diff(values) != 0 for values in key], axis=0))
-
-
-def returns_of_pulses(cloud: Cloud) -> Numbers:
-    """Return (n,) number of points of each point's pulse: neighbours of the same time, channel and direction."""
-    if not len(cloud):
-        return np.zeros(0, np.uint8)
-    starts = np.flatnonzero(np.r_[True, _pulse_changes(cloud, slice(None))])
-    counts = np.diff(np.r_[starts, len(cloud)])
-    return np.repeat(counts, counts).clip(max=255).astype(np.uint8)
 
 
 def _classification(cloud: Cloud) -> Numbers:
