@@ -189,9 +189,9 @@ class _Way:
     ) -> tuple[Numbers, Numbers, Numbers]:
         before_s, strides, rate = nodes
         nodes_s = all_s[max(len(before_s) - 1, 0) : NODES * -(-needed // NODES)]
-        rates, between = (
-            self.gait._rate_hz(self.motion.at(times_s)) for times_s in (nodes_s, 0.5 * (nodes_s[1:] + nodes_s[:-1]))
-        )
+        # One question for all: a motion takes a hundred calls of NumPy, however many instants there are.
+        times_s = np.concatenate([nodes_s, 0.5 * (nodes_s[1:] + nodes_s[:-1])])
+        rates, between = np.split(self.gait._rate_hz(self.motion.at(times_s)), [len(nodes_s)])
         # Simpson's rule.
         passed = np.diff(nodes_s) / 6.0 * (rates[:-1] + 4.0 * between + rates[1:])
         sums = np.cumsum(np.concatenate([strides[-1:], passed]))
