@@ -1,6 +1,7 @@
 """docs/validation.md, check 4: range errors against the slope formula, and what walk correction does."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -142,6 +143,22 @@ def test_strong_pulses_have_the_jitter_of_their_channel(more):
         bare = lone_echoes(sensor.replace(["tdc.jitter_ps=0", "tdc.strong_jitter_ps=0"]), snr)
         added = np.var(stop.range_m) - np.var(bare.range_m)
         assert np.sqrt(added) == pytest.approx(jitter_ps * 1e-12 * HALF_C, rel=0.06)
+
+
+@pytest.mark.parametrize("deviations", [-1.0, 0.0, 1.0])
+def test_the_height_of_the_strong_channel_spreads_from_pulse_to_pulse(deviations):
+    """Jitters of pulses at a height are a mixture: 300 mm, and 30 mm for the share P(z < deviations) of them."""
+    keys = ["tdc.jitter_ps=2000", "tdc.strong_above=40", "tdc.strong_jitter_ps=200", "tdc.lsb_ps=0", "tdc.walk='none'"]
+    sensor = chain.sensor("table1-apd", "tdc.threshold_to_noise=20", "tdc.strong_spread=0.4", *keys)
+    stop = lone_echoes(sensor, 800.0 * math.exp(0.4 * deviations), count=20_000)
+    bare = lone_echoes(
+        sensor.replace(["tdc.jitter_ps=0", "tdc.strong_jitter_ps=0"]), 800.0 * math.exp(0.4 * deviations)
+    )
+    share, wide_m = norm.cdf(deviations), 2000e-12 * HALF_C
+    added = np.var(stop.range_m) - np.var(bare.range_m)
+    # The variance of 20,000 squares of a mixture, four standard errors.
+    spread = math.sqrt((3.0 * (1.0 - share) - (1.0 - share) ** 2) / 20_000) * wide_m**2
+    assert added == pytest.approx((1.0 - share + 0.01 * share) * wide_m**2, abs=4.0 * spread)
 
 
 def lone_echoes(equipped, snr, *, range_m=50.0, count=4000, seed=3):

@@ -56,6 +56,7 @@ def _in_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     table1-apd tdc.fraction=0.5 | fraction | timing = "constant_fraction"
     table1-apd tdc.keep=all tdc.stops=2 | stops | keep
     table1-apd tdc.keep=strongest_and_last tdc.stops=3 | stops | 2 | "strongest_and_last" | 3
+    table1-apd tdc.strong_spread=0.3 | tdc.strong_spread | tdc.strong_above | none
     table1-apd tdc.timing=constant_fraction tdc.fraction=1 | tdc.fraction | < 1 | 1
     table1-apd tdc.timing=peak LEVELS=[2] | timing | "peak" | [sampler]
     table1-sipm tdc.timing=matched_filter detector.counting=binomial | "gaussian" | matched filter | "binomial"

@@ -268,7 +268,11 @@ def converted_time_s(shots: Shots, time_s: Lanes, *, draw: Lanes = 0, height: La
         jitter, _ = random.normal_pair(shots.words(Stage.TDC_JITTER, draw))
         deviation = converter.jitter_s
         if converter.strong_above is not None:
-            is_strong = height > converter.strong_above * shots.threshold
+            least = converter.strong_above * shots.threshold
+            if converter.strong_spread is not None:
+                deviate, _ = random.normal_pair(shots.words(Stage.STRONG_CHANNEL, draw))
+                least = least * ops.exp(converter.strong_spread * deviate)
+            is_strong = height > least
             of_strong = 0.0 if converter.strong_jitter_s is None else converter.strong_jitter_s
             deviation = ops.where(is_strong, of_strong, deviation)
         time_s = time_s + deviation * jitter

@@ -48,6 +48,7 @@ class Stage(enum.IntEnum):
     FLUCTUATION = 25
     COLUMN_NOISE = 26
     CHATTER = 27
+    STRONG_CHANNEL = 28
 
 
 _ROTATIONS = (13, 15, 26, 6, 17, 29, 16, 24)

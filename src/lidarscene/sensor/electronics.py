@@ -104,6 +104,12 @@ class Tdc(HintedAttributes):
     strong_jitter_s: Annotated[
         Lanes | None, Quantity("ps", ge=0, le=1e6, finest=1e-3, about="jitter of that channel, with `strong_above`")
     ] = None
+    strong_spread: Annotated[
+        Lanes | None,
+        Quantity(
+            ge=0, le=1, about="deviation of the logarithm of that height from pulse to pulse, with `strong_above`"
+        ),
+    ] = None
     stops: Annotated[int, Quantity(ge=1, le=MOST_STOPS, about="crossings reported per shot")] = field(
         default=1, metadata=STATIC
     )

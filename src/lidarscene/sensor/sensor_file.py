@@ -208,8 +208,10 @@ class SensorFile(FileModel):
             raise ValueError(f'tdc.timing: not "{timing}" together with [sampler], which times the pulses')
         if timing != "constant_fraction" and "fraction" in self.tdc.model_fields_set:
             raise ValueError('tdc.fraction: only with timing = "constant_fraction"')
-        if self.tdc.strong_above is None and "strong_jitter_ps" in self.tdc.model_fields_set:
-            raise ValueError("tdc.strong_jitter_ps: must go with tdc.strong_above, got none")
+        if self.tdc.strong_above is None:
+            for key in ("strong_jitter_ps", "strong_spread"):
+                if key in self.tdc.model_fields_set:
+                    raise ValueError(f"tdc.{key}: must go with tdc.strong_above, got none")
         if timing == "matched_filter" and self.detector.in_si().counts_whole_cells:
             raise ValueError('detector.counting: must be "gaussian" behind a matched filter, got "binomial"')
         return self
