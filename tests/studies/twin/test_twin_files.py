@@ -178,9 +178,7 @@ def test_what_is_missing_is_one_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("broken", ["place_frames", "write_columns", "scene_text", "json_text"])
-def test_a_twin_that_is_broken_off_leaves_no_file(
-    broken: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_twin_that_is_broken_off_leaves_no_file(broken: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Ctrl-C between its files; what was there before stays as it was."""
 
     def interrupt(*_: object, **__: object) -> None:

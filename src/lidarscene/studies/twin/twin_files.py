@@ -137,12 +137,7 @@ def build_twin(
 
 
 def _write_twin(
-    recording: Recording,
-    choice: TwinFrames,
-    folder: Path,
-    metadata: Path | None,
-    sensor: str | None,
-    sensor_index: int,
+    recording: Recording, choice: TwinFrames, folder: Path, metadata: Path | None, sensor: str | None, sensor_index: int
 ) -> str:
     """Write the files of a twin, one after the other; the arguments and the result are those of `build_twin`."""
     sweeps = {number: recording[number] for number in {*choice.frames, choice.judged_frame}}
