@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tomllib
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -352,16 +353,46 @@ def test_shipped_scene_renders(run: Run, mi: ModuleType, scene: Path) -> None:
     assert math.isfinite(float(cloud.xyz_m.sum()))
 
 
-def test_a_signal_that_a_library_makes_an_error_of(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    """SIGTERM within Dr.Jit comes out as a RuntimeError: the code is still that of the signal, without a traceback."""
+@pytest.fixture
+def own_handlers() -> Iterator[None]:
+    """Handlers of signals are those of before when the test ends; Ctrl-C has Python's own."""
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
 
-    def raise_runtime_error(_: object) -> None:
-        monkeypatch.setattr(terminal, "_ENDED_BY", [signal.SIGTERM])
-        raise RuntimeError("SystemExit: 143")
 
-    monkeypatch.setattr("lidarscene.cli.catalog_commands.run_schema", raise_runtime_error)
+@pytest.mark.usefixtures("own_handlers")
+@pytest.mark.parametrize(
+    ("number", "raised", "told_line"),
+    [(signal.SIGTERM, SystemExit, ""), (signal.SIGINT, KeyboardInterrupt, "lidarscene: interrupted\n")],
+)
+def test_a_signal_that_a_library_makes_an_error_of(
+    number: signal.Signals, raised: type[BaseException], told_line: str, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """SIGTERM within Dr.Jit comes out as a RuntimeError, Ctrl-C while it is imported as a NameError, or as a machine
+    that has no back end: the code is still that of the signal, without a traceback.
+    """
+
+    def end_within_a_library(_: object) -> None:
+        with pytest.raises(raised):
+            signal.raise_signal(number)
+        raise NameError("_drjit_ext")
+
+    monkeypatch.setattr(terminal, "_ENDED_BY", [])
+    monkeypatch.setattr("lidarscene.cli.catalog_commands.run_schema", end_within_a_library)
+    terminal.end_cleanly()
     ran = run("schema", "scene")
-    assert (ran.code, ran.out, ran.err) == (143, "", "")
+    assert (ran.code, ran.out, ran.err) == (128 + number, "", told_line)
+
+
+@pytest.mark.usefixtures("own_handlers")
+def test_ctrl_c_that_is_ignored_stays_so() -> None:
+    """What a shell starts with nohup or in the background goes on."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    terminal.end_cleanly()
+    assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
 
 
 FIRST_CLOUD = """

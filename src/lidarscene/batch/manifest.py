@@ -1,10 +1,12 @@
-"""Manifest: a Parquet file with one row for each frame of a job: its options, its counts and its file."""
+"""Manifest: a Parquet file with a row for each frame of the jobs of a folder: its options, its counts and its file."""
 
 from __future__ import annotations
 
 import itertools
 import json
+import time
 from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
 from typing import Any
 
 from ..files.atomic import atomic_output
@@ -18,9 +20,15 @@ from .tasks import FrameTask, Job, cloud_settings
 ROWS_AT_A_TIME = 20_000
 COUNTS = ("beams", "hits", "points", "echoes", "false_alarms", "weather", "stray", "revived")
 
+CLAIM = 16 * "0"
+"""Claim of the manifest, as if it were a frame's."""
+
+AGAIN_EVERY_S = 0.2
+"""Choice: interval at which a manifest that another job is writing is claimed again."""
+
 
 def write_manifest(job: Job, store: Store, failed: Mapping[str, str], drives: Iterable[DriveTask] = ()) -> None:
-    """Write the rows of all frames of a job, in its order.
+    """Write the rows of all frames of a job, in its order, and behind them those of other jobs in the folder.
 
     Args:
         failed: key of a frame -> cause of its failure. A frame neither done nor failed gets the error "not rendered"
@@ -32,28 +40,61 @@ def write_manifest(job: Job, store: Store, failed: Mapping[str, str], drives: It
     import pyarrow
     from pyarrow import parquet
 
-    types = _sweep_types(job)
-    schema = pyarrow.schema([(name, getattr(pyarrow, kind)()) for name, kind in _columns(types).items()])
-    splits = {} if job.file.dataset is None else {"split_by": (job.file.splits or SplitFile()).by}
-    drive_of = {frame.key: drive for drive in drives for frame in drive.frames}
-    rows = (
-        _row(
-            task,
-            drive_of[task.key].row_of_frame(store, task) if drive_of else store.row(task.key, read=False),
-            failed,
-            types,
+    with ExitStack() as claimed:
+        while not claimed.enter_context(store.claim(CLAIM)):
+            time.sleep(AGAIN_EVERY_S)
+        others, swept = _rows_of_others(job, store), _sweep_types(job)
+        columns = {name: getattr(pyarrow, kind)() for name, kind in _columns(swept).items()}
+        for field in others.schema if len(others) else ():
+            if (own := columns.setdefault(field.name, field.type)) != field.type:
+                are_numbers = {own, field.type} == {pyarrow.int64(), pyarrow.float64()}
+                columns[field.name] = pyarrow.float64() if are_numbers else pyarrow.string()
+        schema, types = pyarrow.schema(list(columns.items())), {name: str(columns[name]) for name in swept}
+        splits = {} if job.file.dataset is None else {"split_by": (job.file.splits or SplitFile()).by}
+        drive_of = {frame.key: drive for drive in drives for frame in drive.frames}
+        rows = (
+            _row(
+                task,
+                drive_of[task.key].row_of_frame(store, task) if drive_of else store.row(task.key, read=False),
+                failed,
+                types,
+            )
+            | splits
+            | {"job": job.name}
+            for task in job.tasks()
         )
-        | splits
-        for task in job.tasks()
+        with atomic_output(store.manifest) as temporary, parquet.ParquetWriter(temporary, schema) as writer:
+            while part := list(itertools.islice(rows, ROWS_AT_A_TIME)):
+                writer.write_table(pyarrow.Table.from_pylist(part, schema=schema))
+            if len(others):
+                missing = {name: pyarrow.nulls(len(others), kind) for name, kind in columns.items()}
+                values = missing | dict(zip(others.column_names, others.columns, strict=True))
+                writer.write_table(
+                    pyarrow.table([values[name].cast(schema.field(name).type) for name in values], schema)
+                )
+
+
+def _rows_of_others(job: Job, store: Store) -> Any:
+    """Rows of the manifest that are of jobs by other names, and not of frames that this one has or that are gone."""
+    import pyarrow
+    from pyarrow import parquet
+
+    try:
+        table = parquet.read_table(store.manifest, filters=[("job", "!=", job.name)])
+    except (OSError, pyarrow.ArrowException):  # there is none yet, or it is damaged
+        return pyarrow.table({})
+    keys = {task.key for task in job.tasks()} if len(table) else set[str]()
+    frames = zip(table["key"].to_pylist(), table["file"].to_pylist(), strict=True)
+    return table.filter(
+        pyarrow.array(
+            [key not in keys and (not file or (store.folder / file).is_file()) for key, file in frames], "bool"
+        )
     )
-    with atomic_output(store.manifest) as temporary, parquet.ParquetWriter(temporary, schema) as writer:
-        while part := list(itertools.islice(rows, ROWS_AT_A_TIME)):
-            writer.write_table(pyarrow.Table.from_pylist(part, schema=schema))
 
 
 def _columns(sweep: Mapping[str, str]) -> dict[str, str]:
     """Names and Arrow types of the columns."""
-    labels = ("key", "scene", "sensor", "rig", "label", "trajectory")
+    labels = ("job", "key", "scene", "sensor", "rig", "label", "trajectory")
     missed = [f"missed_{text.replace(' ', '_')}" for text in run_report.OUTCOME_TEXT.values()]
     return (
         dict.fromkeys(labels, "string")

@@ -25,7 +25,7 @@ class Store:
 
     @property
     def manifest(self) -> Path:
-        """File with one row for each frame of the job that was run last."""
+        """File with one row for each frame of the jobs that were run here."""
         return self.folder / "manifest.parquet"
 
     def cloud(self, key: str, format: str) -> Path:

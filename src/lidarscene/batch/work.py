@@ -223,7 +223,7 @@ def _simulator(task: FrameTask) -> Simulator:
     """
     choice, sensor = task.scene, task.sensor
     scene = _scene_of(choice)
-    mounted, first = _sensors.get((sensor.digest, choice.digest), lambda: _load_mounted(sensor, scene))
+    number, mounted, first = _sensors.get((sensor.digest, choice.digest), lambda: _load_mounted(sensor, scene))
     centre_m = pose_at(sensor_motion(scene, first.sensor, first.pose)).position_m
     world, simulators = _worlds.get(
         (choice.world, _wavelength(mounted.sensor), centre_m.tobytes(), task.trace.interactions > 0),
@@ -231,7 +231,7 @@ def _simulator(task: FrameTask) -> Simulator:
     )
     simulator: Simulator = simulators.get(
         (choice.digest, sensor.digest, task.trace),
-        lambda: Simulator(scene, mounted.sensor, task.trace, pose=mounted.pose, world=world),
+        lambda: Simulator(scene, mounted.sensor, task.trace, pose=mounted.pose, world=world, rig_number=number),
     )
     return simulator
 
@@ -250,20 +250,20 @@ def _scene(choice: SceneChoice) -> Scene:
     return scene
 
 
-def _load_mounted(choice: SensorChoice, scene: Scene) -> tuple[Mounted, Mounted]:
-    """Load the sensor with its pose on the vehicle, and the sensor around which its world is compiled."""
+def _load_mounted(choice: SensorChoice, scene: Scene) -> tuple[int, Mounted, Mounted]:
+    """Load the sensor with its pose on the vehicle: its number in the rig, it, and the one whose world it shares."""
     if not choice.rig:
         sensor = load_sensor(choice.name, overrides=choice.overrides)
         if sensor_content(choice.name, choice.overrides) != choice.content:
             raise _changed_error(choice.name)
         alone = Mounted(label="", sensor=sensor, pose=scene.sensor_pose)
-        return alone, alone
+        return 0, alone, alone
     rig = load_rig(choice.rig, overrides=choice.overrides)
     if rig_content(choice.rig, choice.overrides) != choice.content:
         raise _changed_error(choice.rig)
-    chosen = next(mounted for mounted in rig.sensors if mounted.label == choice.label)
+    number, chosen = next(pair for pair in enumerate(rig.sensors) if pair[1].label == choice.label)
     first = next(mounted for mounted in rig.sensors if _wavelength(mounted.sensor) == _wavelength(chosen.sensor))
-    return chosen, first
+    return number, chosen, first
 
 
 def _wavelength(sensor: Sensor) -> float:

@@ -10,6 +10,7 @@ import argparse
 import atexit
 import gc
 import re
+import signal
 import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
@@ -70,8 +71,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         elif answer.text and (not quiet or answer.code):
             print_text(answer.text)
         return int(answer.code)
-    except Exception as error:
-        # Libraries turn the SystemExit that a signal raises within them into errors of their own.
+    except (Exception, KeyboardInterrupt) as error:
+        if isinstance(error, KeyboardInterrupt) or ended_by() == signal.SIGINT:
+            tell("lidarscene: interrupted")
+            return 128 + signal.SIGINT
         if (number := ended_by()) is not None:
             return 128 + number
         if isinstance(error, LidarSceneError):
@@ -81,9 +84,6 @@ def main(argv: Sequence[str] | None = None) -> int:
             print_error("out of memory; a smaller --chunk needs less")
             return 1
         raise
-    except KeyboardInterrupt:
-        tell("lidarscene: interrupted")
-        return 130
 
 
 class _Once(argparse.Action):

@@ -15,6 +15,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Any, NamedTuple, TextIO, cast
 
 from ..errors import BackendError, LidarSceneError, OptionError, OptionWarning, OutputError
@@ -163,17 +164,22 @@ def printable(text: str) -> str:
 
 
 def end_cleanly() -> None:
-    """Make SIGTERM (sent by `timeout`, a cluster, a system that goes down) end the program as Ctrl-C does.
+    """Make SIGTERM (sent by `timeout`, a cluster, a system that goes down) end the program as Ctrl-C does; note both.
 
-    Without this Python ends at once, and leaves half-written files.
+    Without this Python ends at once at SIGTERM, and leaves half-written files. Libraries turn what a signal raises
+    within them into errors of their own: after Ctrl-C while Dr.Jit is imported no back end works.
     """
 
-    def end(number: int, _: object) -> None:
-        signal.signal(number, signal.SIG_IGN)
+    def end(number: int, frame: FrameType | None) -> None:
         _ENDED_BY.append(number)
+        if number == signal.SIGINT:
+            signal.default_int_handler(number, frame)
+        signal.signal(number, signal.SIG_IGN)
         sys.exit(128 + number)
 
     signal.signal(signal.SIGTERM, end)
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # else it is ignored, as `nohup` and `&` ask
+        signal.signal(signal.SIGINT, end)
 
 
 _ENDED_BY: list[int] = []

@@ -6,10 +6,10 @@ One call for one cloud of one scene. A `Simulator` is worth it for several frame
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Generator
 from dataclasses import replace
 from functools import partial
-from typing import Annotated, Literal, Unpack, cast, overload
+from typing import Annotated, Literal, Unpack, overload
 
 from ..cloud.device_cloud import DeviceCloud
 from ..cloud.point_cloud import PointCloud
@@ -38,7 +38,7 @@ def render_frames(
     scene_overrides: Overrides = (),
     on_device: Literal[False] = False,
     **options: Unpack[FramesKeywords],
-) -> Iterator[PointCloud]: ...
+) -> Generator[PointCloud, None, None]: ...
 
 
 @overload
@@ -51,7 +51,7 @@ def render_frames(
     scene_overrides: Overrides = (),
     on_device: Literal[True],
     **options: Unpack[FramesKeywords],
-) -> Iterator[DeviceCloud]: ...
+) -> Generator[DeviceCloud, None, None]: ...
 
 
 @checks_arguments
@@ -64,10 +64,10 @@ def render_frames(
     scene_overrides: Overrides = (),
     on_device: bool = False,
     **options: Unpack[FramesKeywords],
-) -> Iterator[PointCloud] | Iterator[DeviceCloud]:
+) -> Generator[PointCloud | DeviceCloud, None, None]:
     """Iterate over ``frames`` consecutive frames of a sensor; each is rendered when the iterator reaches it.
 
-    The other parameters are those of `render`.
+    ``close()`` of the iterator ends it and frees its world. The other parameters are those of `render`.
     """
     Whole(1, NUMBERS.high).check("frames", frames)
     keep_rays = options.pop("keep_rays", False)
@@ -85,8 +85,8 @@ def render_frames(
             return simulator.render(chosen, observers, ahead=ahead, on_device=True, keep_rays=keep_rays)
         return simulator.render(chosen, observers, ahead=ahead, keep_rays=keep_rays)
 
-    # No `yield`: so the call itself raises for mistakes, and not the first frame.
-    return cast(Iterator[PointCloud] | Iterator[DeviceCloud], map(frame, numbers))
+    # Not a function that yields: so the call itself raises for mistakes, and not the first frame.
+    return (frame(number) for number in numbers)
 
 
 @overload

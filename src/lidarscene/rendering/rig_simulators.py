@@ -34,10 +34,16 @@ def simulators(
     """
     worlds: dict[float, World] = {}
     vehicle = pose or Pose()
-    for mounted in sensors:
+    for number, mounted in enumerate(sensors):
         wavelength = mounted.sensor.laser.wavelength_m
         simulator = Simulator(
-            scene, mounted.sensor, trace, pose=vehicle @ mounted.pose, world=worlds.get(wavelength), **options
+            scene,
+            mounted.sensor,
+            trace,
+            pose=vehicle @ mounted.pose,
+            world=worlds.get(wavelength),
+            rig_number=number,
+            **options,
         )
         worlds.setdefault(wavelength, simulator.world)
         yield mounted.label, simulator

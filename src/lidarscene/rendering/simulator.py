@@ -45,6 +45,7 @@ from ..scene.clearance import Clearance
 from ..scene.scene import Scene
 from ..scene.scene_file import SceneChoice, load_scene
 from ..sensor.pose_file import Placed, to_pose
+from ..sensor.rig_file import MOST_SENSORS
 from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor
 from .chunk import Chunk, Placing, is_far, join_columns, without_lanes
@@ -67,6 +68,9 @@ from .tiles import LANES, PACKET, Numbering
 
 READ_COLUMNS = "status", collect.NAN_COLUMN, collect.PULSE_COLUMN
 """Columns that are read in NumPy also where the others stay on the device."""
+
+SEED_OF_RIG = 2**32 // MOST_SENSORS
+"""Choice: the seeds of a rig's sensors differ by multiples of this, so that runs with smaller seeds share none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,6 +126,7 @@ class Simulator(HintedAttributes):
         *,
         world: World | None = None,
         pose: Placed | None = None,
+        rig_number: int = 0,
         **options: Unpack[TraceKeywords],
     ) -> None:
         """Compile the scene around the sensor's place (or take a compiled ``world``).
@@ -131,6 +136,7 @@ class Simulator(HintedAttributes):
             sensor: a catalogue name, a file or a `Sensor`; the scene's own if None
             pose: where the sensor stands, its mounting not included: in the world, or on the scene's ego vehicle; the
                 scene's own if None. `render` takes another per frame.
+            rig_number: place among the sensors of a rig, from 0: each has noise of its own
             options: fields of `TraceOptions`, in place of those of ``trace``
 
         Raises:
@@ -142,6 +148,7 @@ class Simulator(HintedAttributes):
         self.scene = scene = load_scene(scene)
         self.sensor = sensor = load_sensor(scene.sensor_name if sensor is None else sensor)
         self.pose = scene.sensor_pose if pose is None else to_pose(pose)
+        self.rig_number = rig_number
         self.clearance = Clearance.of_scene(scene)
         (self._piece,) = pieces_of(scene, [0.0])
         self.world = world or self._build_world()
@@ -194,6 +201,10 @@ class Simulator(HintedAttributes):
 
     def __repr__(self) -> str:
         return f"Simulator({self.sensor!r} in {self.scene!r})"
+
+    def _seed(self, options: FrameOptions) -> int:
+        """Seed of the sensor's own noise; alone with this one its cloud is that of the rig."""
+        return options.seed ^ SEED_OF_RIG * self.rig_number
 
     @property
     def motion(self) -> Motion:
@@ -522,7 +533,7 @@ class Simulator(HintedAttributes):
         since = time.perf_counter()
         transfer.wait()
         with blocks.resting():
-            launch.parts = self._trace_continuing(run, launch.part, run.seed_words(options.seed), len(frames))
+            launch.parts = self._trace_continuing(run, launch.part, run.seed_words(self._seed(options)), len(frames))
             since = summary.add_time("trace", since)
             pulses = self.sensor.scanner.pulses
             placing = Placing.of_frames(
@@ -597,7 +608,7 @@ class Simulator(HintedAttributes):
         pulses = self.numbering.pulses(frame, first, count)
         run = frame.on_device(*(later for _, later in frames[1:]))
         blocks.share_frame(count * self.trace.rays)
-        part = self._chain(run, pulses, run.seed_words(options.seed), survey=self._stages.surveys)
+        part = self._chain(run, pulses, run.seed_words(self._seed(options)), survey=self._stages.surveys)
         return Launch(frames, run, replace(part, order=pulses.order))
 
     def _trace_continuing(self, frame: Frame, part: Chunk, seed: Seed, frames: int) -> list[Chunk]:
@@ -687,7 +698,7 @@ class Simulator(HintedAttributes):
         frame_options, _ = _resolve_options(frame, None, options)
         current_frame = self._traced_frame(frame_options).on_device()
         chosen = check_pulses(pulses, self.sensor)
-        seed_words = current_frame.seed_words(frame_options.seed)
+        seed_words = current_frame.seed_words(self._seed(frame_options))
 
         def train_of(first: int, count: int) -> EchoTrain:
             return self._train(current_frame, first, count, seed_words)
@@ -699,7 +710,7 @@ class Simulator(HintedAttributes):
             self.sensor,
             times_s,
             pulse_in_run=current_frame.pulses_in_run(pulse),
-            seed=(frame_options.seed, current_frame.rollover),
+            seed=(self._seed(frame_options), current_frame.rollover),
         )
 
     @exclusive
@@ -715,7 +726,7 @@ class Simulator(HintedAttributes):
         """
         frame_options, _ = _resolve_options(frame, None, options)
         current_frame = self._traced_frame(frame_options).on_device()
-        seed_words = current_frame.seed_words(frame_options.seed)
+        seed_words = current_frame.seed_words(self._seed(frame_options))
         return self._train(current_frame, current_frame.first_pulse, self.sensor.scanner.pulses, seed_words)
 
     def _train(self, frame: Frame, first: int, count: int, seed: Seed) -> EchoTrain:
@@ -816,7 +827,7 @@ class Simulator(HintedAttributes):
             "body_names": self.world.body_names,
             "class_names": self.class_names,
             "material_names": self.world.material_names,
-            "metadata": _metadata(self.scene, self.sensor, frame, options),
+            "metadata": _metadata(self.scene, self.sensor, frame, replace(options, seed=self._seed(options))),
         }
 
 

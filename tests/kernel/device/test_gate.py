@@ -6,8 +6,10 @@ import itertools
 import os
 import threading
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from typing import Any
 
 import drjit as dr
 import numpy as np
@@ -31,6 +33,7 @@ from lidarscene.kernel.device.replay import Replay
 from lidarscene.kernel.rays.camera_distances import distances_m
 from lidarscene.maths import arrays
 from lidarscene.maths.arrays import LookupTable
+from lidarscene.rendering import api
 from lidarscene.studies.api import compare
 
 pytestmark = pytest.mark.usefixtures("mi")
@@ -160,10 +163,24 @@ def test_errors_and_ctrl_c_open_the_gate() -> None:
         assert passes()
 
 
-def test_frames_that_are_not_taken_leave_the_gate_open() -> None:
-    frames: Iterator[PointCloud] = render_frames("range", "table1-apd", frames=3, overrides=COARSE)
-    next(frames)
-    assert passes()
+def test_frames_that_are_not_taken_leave_the_gate_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Closed, they leave no world behind either."""
+    made: list[weakref.ref[Simulator]] = []
+    prepare = api._prepare
+
+    def note(*arguments: Any) -> Any:
+        simulator, *others = prepare(*arguments)
+        made.append(weakref.ref(simulator))
+        return simulator, *others
+
+    monkeypatch.setattr(api, "_prepare", note)
+    with closing(render_frames("range", "table1-apd", frames=3, overrides=COARSE)) as frames:
+        next(frames)
+        assert passes()
+        assert made[0]() is not None
+    gc.collect()
+    assert made[0]() is None
+    assert next(frames, None) is None
 
 
 def test_a_callback_may_render() -> None:

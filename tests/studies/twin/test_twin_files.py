@@ -177,6 +177,25 @@ def test_what_is_missing_is_one_line(tmp_path: Path) -> None:
         read_provenance(tmp_path / "scene.toml")
 
 
+@pytest.mark.parametrize("broken", ["place_frames", "write_columns", "scene_text", "json_text"])
+def test_a_twin_that_is_broken_off_leaves_no_file(broken: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C between its files; what was there before stays as it was."""
+
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    recording = recording_of(tmp_path / "room.pcap", room_sweep())
+    old = tmp_path / "old" / "sensor.toml"
+    old.parent.mkdir()
+    old.write_text("old")
+    monkeypatch.setattr(twin_files, broken, interrupt)
+    for folder in ("new", "old"):
+        with pytest.raises(KeyboardInterrupt):
+            build_twin(recording, TwinFrames(frames=(0,)), tmp_path / folder, sensor="os1-128")
+    assert {*tmp_path.rglob("*")} == {old, old.parent, *tmp_path.glob("room.*")}
+    assert old.read_text() == "old"
+
+
 @pytest.mark.parametrize("apparent", [0.79, 0.8, 0.801, 50.0, 1e9])
 def test_bright_quads_of_any_strength_make_a_scene_that_can_be_read(apparent: float) -> None:
     """What is hardly brighter than matt white too, and what no sheet is: a material file takes 0.001 to 1e7."""

@@ -19,7 +19,7 @@ import numpy as np
 from ...catalog import sensor_path
 from ...errors import InputError, OptionError
 from ...figures.report import count_text
-from ...files.atomic import put_text, require_writable
+from ...files.atomic import atomic_folder, put_text, require_writable
 from ...files.json_text import json_text
 from ...files.toml import validate
 from ...files.toml_edit import put_values
@@ -119,7 +119,7 @@ def build_twin(
     sensor: str | None = None,
     sensor_index: int = 0,
 ) -> str:
-    """Write the files of a twin; returns the text to print.
+    """Write the files of a twin, all of them or none; returns the text to print.
 
     Args:
         metadata: the maker's description of the unit, for its sensor file; None: json beside a pcap, or in the OSF
@@ -131,6 +131,15 @@ def build_twin(
         OutputError: if a result cannot be written
     """
     require_writable(folder / SCENE)
+    with atomic_folder(folder) as temporary:
+        text = _write_twin(recording, choice, temporary, metadata, sensor, sensor_index)
+        return text.replace(str(temporary), str(folder))
+
+
+def _write_twin(
+    recording: Recording, choice: TwinFrames, folder: Path, metadata: Path | None, sensor: str | None, sensor_index: int
+) -> str:
+    """Write the files of a twin, one after the other; the arguments and the result are those of `build_twin`."""
     sweeps = {number: recording[number] for number in {*choice.frames, choice.judged_frame}}
     if not any(sweeps[number].has_return.any() for number in choice.frames):
         raise InputError(f"{recording.path}: the frames of a twin must have returns, got none")
@@ -173,7 +182,7 @@ def build_twin(
     median_klux = float(np.median(recorded_klux)) if recorded_klux else ASSUMED_KLUX
     text = scene_text(recording.path.stem, bodies, places[choice.judged_frame], median_klux)
     # Nothing is written that `load_scene` would refuse, such as a number that is not finite.
-    validate(SceneFile, tomllib.loads(text), str(folder / SCENE))
+    validate(SceneFile, tomllib.loads(text), SCENE)
     put_text(folder / SCENE, text)
     provenance = {
         "recording": recording.path.name,
@@ -223,7 +232,7 @@ def _copy_sensor(sensor: str, path: Path, sweep: Sweep, recording: str) -> str:
         raise OptionError("{sensor} {0}: no such file", sensor)
     scanner, text, note = load_sensor(str(source)).scanner, source.read_text(encoding="utf-8"), ""
     if has_grid(sweep):
-        on_grid(sweep, scanner)  # refuses too few channels, before a file is written
+        on_grid(sweep, scanner)  # refuses too few channels
     elif isinstance(scanner, Spinning):
         text, note = with_recorded_beams(text, grid_of(sweep, scanner), recording)
     put_text(path, text)
