@@ -441,7 +441,7 @@ def _surroundings(network: Network, file: StreetFile, relief: Relief, terrain: T
             roadside.rails(group, side)
             roadside.line(group, side, district)
     for group in network.groups:
-        for side in (-1.0, 1.0):
+        for side in (-1, 1):
             roadside.bushes(group, side)
     return [standing_table(name, places) for name, places in sorted(roadside.items.items()) if places]
 
