@@ -138,7 +138,7 @@ class BagReader:
         file.seek(0)
 
         def parts_of(record: Any) -> list[Any]:
-            return reader.breakup_chunk(record) if isinstance(record, records.Chunk) else [record]
+            return reader.breakup_chunk(record, validate_crc=True) if isinstance(record, records.Chunk) else [record]
 
         @lru_cache(maxsize=1)  # messages of one chunk are read one after the other
         def parts_at(place: int) -> list[Any]:
@@ -149,7 +149,7 @@ class BagReader:
             return bytes(parts_at(place)[index].data)
 
         messages, schemas, channels, place = [], {}, {}, 0
-        for record in reader.StreamReader(file, emit_chunks=True).records:
+        for record in reader.StreamReader(file, emit_chunks=True, validate_crcs=True).records:
             for index, part in enumerate(parts_of(record)):
                 if isinstance(part, records.Schema):
                     schemas[part.id] = part.name
