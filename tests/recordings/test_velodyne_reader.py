@@ -75,6 +75,17 @@ def test_a_packet_that_comes_late_is_in_its_place(two_turns: Path, tmp_path: Pat
             np.testing.assert_array_equal(sweep.direction, right.direction)
 
 
+@pytest.mark.parametrize("apart", [1, 2, 5])
+def test_a_packet_that_was_captured_twice_counts_once(two_turns: Path, tmp_path: Path, apart: int) -> None:
+    """A bridge, and the port behind it, which hands on some packets at a time."""
+    payloads = turns(2 * PACKETS, missing=[(3, 40)])
+    bursts = [payloads[first : first + apart] for first in range(0, len(payloads), apart)]
+    twice = [payload for burst in bursts for payload in (*burst, *burst)]
+    with open_recording(two_turns) as expected, open_recording(pcap(tmp_path / "a.pcap", twice)) as recording:
+        for sweep, right in zip(recording, expected, strict=True):
+            np.testing.assert_array_equal(sweep.range_m, right.range_m)
+
+
 @pytest.mark.parametrize("missing", [50, 75, 110])
 def test_a_turn_ends_where_the_recording_pauses(tmp_path: Path, library: Callable[[str], Any], missing: int) -> None:
     """Two thirds of a turn, a whole one, or one and a half are missing: no frame is longer than a turn of 0.1 s."""
