@@ -2,6 +2,7 @@
 
 import bz2
 import dataclasses
+import gzip
 import math
 import re
 import shutil
@@ -594,6 +595,9 @@ def test_every_body_of_drawn_traffic_loads(homes: Tables, tmp_path: Path) -> Non
     --opendrive none.xodr | none.xodr | no such file
     --opendrive town.sumocfg | town.sumocfg | netconvert
     --sumo town.rou.xml | town.rou.xml | net-file
+    --sumo cut.sumocfg | cut.net.xml | XML | unclosed
+    --sumo packed.sumocfg | packed.net.xml.gz | XML | Compressed
+    --sumo long.sumocfg | long.rou.xml | XML | 'long'
     --sumo town.sumocfg --ego nobody | town.sumocfg | 'nobody' | none
     --sumo town.sumocfg --ego walks | town.sumocfg | 'walks' | none
     --opendrive town.xodr --ego a | --ego | --sumo
@@ -607,6 +611,16 @@ def test_every_body_of_drawn_traffic_loads(homes: Tables, tmp_path: Path) -> Non
 def test_mistakes(run: Run, town: tuple[Path, Path], given: str, named: str) -> None:
     for path in town[0].parent.glob("town.*"):
         Path(path.name).write_bytes(path.read_bytes())
+    network, routes, scenario = (Path(f"town.{kind}").read_bytes() for kind in ("net.xml", "rou.xml", "sumocfg"))
+    Path("cut.net.xml").write_bytes(network[: len(network) // 2])
+    Path("packed.net.xml.gz").write_bytes(gzip.compress(network)[:-100])
+    Path("long.rou.xml").write_bytes(routes.replace(b"14.9", b"long"))
+    for name, old, new in (
+        ("cut", b"town.net", b"cut.net"),
+        ("packed", b"town.net.xml", b"packed.net.xml.gz"),
+        ("long", b"town.rou", b"long.rou"),
+    ):
+        Path(f"{name}.sumocfg").write_bytes(scenario.replace(old, new))
     Path("map.osm.pbf").write_bytes(b"\0\0\0\x0d\n\x09OSMHeader\x18\x7c")
     Path("map.osm.bz2").write_bytes(bz2.compress(networks.OSM.encode()))
     typed(run, named, "street", *given.split(), "-o", "out")

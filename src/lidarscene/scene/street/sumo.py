@@ -18,6 +18,7 @@ import sys
 import xml.etree.ElementTree as ElementTree
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -309,10 +310,15 @@ def _spread(begin: Sequence[float], end: Sequence[float]) -> str:
 
 
 def read_network(path: Path) -> Network:
-    """Read the surfaces of a network of SUMO."""
+    """Read the surfaces of a network of SUMO.
+
+    Raises:
+        InputError: if it cannot be read
+    """
     sumolib = import_optional("sumolib", extra="traffic")
-    net = sumolib.net.readNet(str(path), withInternal=True)
-    outside: Literal[-1, 1] = 1 if _keeps_left(path) else -1
+    with _read_errors(path):
+        net = sumolib.net.readNet(str(path), withInternal=True)
+        outside: Literal[-1, 1] = 1 if _keeps_left(path) else -1
     rings = [frozenset(roundabout.getEdges()) for roundabout in net.getRoundabouts()]
     network = Network([], [], [], [], {}, [], rings, [])
     ends: dict[tuple[str, str], str] = {}
@@ -535,8 +541,8 @@ def _types(files: Sequence[Path]) -> dict[str, tuple[str, float]]:
     for path in files:
         for element in _xml(path).iter("vType"):
             kind = element.get("vClass", "passenger")
-            length_m = float(element.get("length") or class_entry(kind)["length_m"])
-            types[element.get("id", "")] = kind, length_m
+            with _read_errors(path):
+                types[element.get("id", "")] = kind, float(element.get("length") or class_entry(kind)["length_m"])
     return types
 
 
@@ -654,11 +660,17 @@ def _xml(path: Path) -> ElementTree.Element:
         InputError: if it cannot be read
     """
     require_file(path)
+    with _read_errors(path), gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
+        return ElementTree.parse(file).getroot()
+
+
+@contextmanager
+def _read_errors(path: Path) -> Iterator[None]:
+    """Turn what a reader of XML raises, or sumolib, which checks nothing, into an InputError of one line."""
     try:
-        with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
-            return ElementTree.parse(file).getroot()
-    except (OSError, LookupError, ValueError, ElementTree.ParseError) as error:
-        raise InputError(f"{path}: cannot be read as XML: {error}") from None
+        yield
+    except Exception as error:
+        raise InputError(f"{path}: cannot be read as XML of SUMO: {str(error) or type(error).__name__}") from None
 
 
 def _home() -> Path:
