@@ -134,7 +134,7 @@ class BagReader:
         file = self._files.enter_context(open(path, "rb"))  # noqa: SIM115
         file.seek(-min(reader.MAGIC_SIZE, path.stat().st_size), os.SEEK_END)
         if file.read() != import_optional("mcap.writer", extra="ros").MCAP0_MAGIC:
-            raise ValueError("an MCAP must end as it begins; its recorder was stopped, or it is none")
+            raise ValueError("must end as an MCAP does; one whose recorder was stopped is mended by 'mcap recover'")
         file.seek(0)
 
         def parts_of(record: Any) -> list[Any]:
