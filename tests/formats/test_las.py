@@ -1,6 +1,7 @@
 """LAS and LAZ: byte by byte, as LASzip reads them, and written piece by piece."""
 
 import itertools
+import math
 import struct
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from helpers.mistakes import told
 
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.formats import las
+from lidarscene.recordings.opening import open_recording
 
 N = 50
 
@@ -152,6 +154,20 @@ def test_las_says_nothing_wrong_of_least_and_largest(tmp_path: Path) -> None:
         values = np.asarray(las_file[extra.format_name()])
         assert not extra.min_is_relevant() or extra.min[0] <= values.min()
         assert not extra.max_is_relevant() or extra.max[0] >= values.max()
+
+
+@pytest.mark.parametrize("lost", [1, 2.5])
+def test_a_las_that_ends_within_its_points_is_told(tmp_path: Path, lost: float) -> None:
+    """Rationale: laspy reads as many points as there are, and says nothing if the last one is whole."""
+    need("las")
+    path = tmp_path / "a.las"
+    small_cloud(9).save(path)
+    data = path.read_bytes()
+    points, size = *struct.unpack_from("<I", data, 96), *struct.unpack_from("<H", data, 105)
+    path.write_bytes(data[: points + size * 9 - int(lost * size)])
+    for read in (PointCloud.load, lambda path: open_recording(path)[0]):
+        with told(f"a.las | 9 points | {9 - math.ceil(lost)}"):
+            read(path)
 
 
 @pytest.mark.parametrize(

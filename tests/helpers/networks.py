@@ -111,6 +111,46 @@ def bridge(folder: Path) -> Path:
     return path
 
 
+def wide_crossing(folder: Path, *, keeps_left: bool) -> Path:
+    """Write roads of lanes 4.5 and 3 m wide, 3 m of island between the directions, which meet at lights, and a ring;
+    return the configuration. Where traffic keeps to the left all is mirrored, y for -y.
+    """
+    import sumo
+
+    side = -1 if keeps_left else 1
+    ends = {"w": (-150, 0), "m": (0, 0), "e": (150, 40), "n": (10, 150)}
+    ring = {f"r{k}": (300 + 20 * math.cos(k * math.pi / 2), 40 + 20 * math.sin(k * math.pi / 2)) for k in range(4)}
+    nodes = "".join(
+        f'<node id="{name}" x="{x}" y="{side * y}" type="{"traffic_light" if name == "m" else "priority"}"/>'
+        for name, (x, y) in (ends | ring).items()
+    )
+    lanes = '<lane index="0" width="4.5"/><lane index="1" width="3"/>'
+    edges = ""
+    for begin, end in (("w", "m"), ("m", "e"), ("n", "m")):
+        for a, b in ((begin, end), (end, begin)):
+            (ax, ay), (bx, by) = ends[a], ends[b]
+            length_m = math.hypot(bx - ax, by - ay)
+            right = 1.5 * (by - ay) / length_m, -1.5 * (bx - ax) / length_m
+            shape = " ".join(f"{x + right[0]:.3f},{side * (y + right[1]):.3f}" for x, y in ((ax, ay), (bx, by)))
+            keys = f'id="{a}{b}" from="{a}" to="{b}" numLanes="2" speed="14" shape="{shape}"'
+            edges += f"<edge {keys}>{lanes}</edge>"
+    pairs = [*((f"r{k}", f"r{(k + 1) % 4}") for k in range(4)), ("e", "r2"), ("r2", "e")]
+    edges += "".join(f'<edge id="{a}{b}" from="{a}" to="{b}" numLanes="1" speed="8"/>' for a, b in pairs)
+    edges += '<roundabout nodes="r0 r1 r2 r3" edges="r0r1 r1r2 r2r3 r3r0"/>'
+    (folder / "a.nod.xml").write_text(f"<nodes>{nodes}</nodes>")
+    (folder / "a.edg.xml").write_text(f"<edges>{edges}</edges>")
+    program = str(Path(sumo.SUMO_HOME) / "bin" / "netconvert")
+    plain = ["-n", str(folder / "a.nod.xml"), "-e", str(folder / "a.edg.xml"), "-o", str(folder / "a.net.xml")]
+    options = ["--offset.disable-normalization", *(["--lefthand"] if keeps_left else [])]
+    subprocess.run([program, *plain, *options], check=True, capture_output=True)
+    (folder / "a.rou.xml").write_text('<routes><trip id="first" depart="0" from="wm" to="me"/></routes>')
+    path = folder / "a.sumocfg"
+    path.write_text(
+        '<configuration><input><net-file value="a.net.xml"/><route-files value="a.rou.xml"/></input></configuration>'
+    )
+    return path
+
+
 def sumo_town(folder: Path, heights_m: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)) -> Path:
     """Write a block of four streets with pavements, crossings and lights, and traffic; return the configuration.
 

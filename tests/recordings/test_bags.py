@@ -152,18 +152,23 @@ def as_ros_1(bag: Path, path: Path, library: Callable[[str], Any], compression: 
 
 @pytest.mark.parametrize("compression", ["NONE", "LZ4", "ZSTD"])
 def test_mcaps_of_another_writer(tmp_path: Path, library: Callable[[str], Any], compression: str) -> None:
-    """Reference: the writer of mcap, with and without chunks. One that was cut off is refused."""
+    """Reference: the writer of mcap, with and without chunks. Cut off, or with a changed bit, it is refused."""
     mcap = library("mcap.writer")
     for use_chunking in (True, False):
         path = tmp_path / f"{use_chunking}.mcap"
         kind = mcap.CompressionType[compression]
-        copy_to_mcap(path, use_chunking=use_chunking, compression=kind, chunk_size=100)
+        copy_to_mcap(path, use_chunking=use_chunking, compression=kind, chunk_size=100, enable_data_crcs=True)
         with open_recording(path) as recording:
             assert [sweep.intensity.size for sweep in recording if sweep.intensity is not None] == [3, 5]
         content = path.read_bytes()
         for size in (3, 40, len(content) // 2):
             path.write_bytes(content[:size])
             with told(f"{path.name} | MCAP"):
+                open_recording(path)
+        if not use_chunking or compression == "NONE":  # else what unpacks it may tell
+            at = content.index(b"lidar\0")  # the frame of a message
+            path.write_bytes(content[:at] + b"X" + content[at + 1 :])
+            with told(f"{path.name} | crc"):
                 open_recording(path)
 
 

@@ -82,3 +82,10 @@ def test_a_name_says_nanoseconds() -> None:
     assert sweep.time_s is not None
     np.testing.assert_allclose(sweep.time_s, [0.0, np.nan])
     assert sweep.start_s == pytest.approx(2e-6)
+
+
+def test_a_damaged_number_warns_nobody() -> None:
+    """Rationale: NumPy warned of float32 NaNs that signal, which flipped bits may be."""
+    x_m = np.array([0x7F800001, 0x41200000, 0x41A00000, 0x41F00000], np.uint32).view(np.float32)
+    sweep = sweep_of({"x": x_m, "y": XYZ["y"], "z": XYZ["z"]}, metadata={})
+    assert len(sweep.range_m) == 3

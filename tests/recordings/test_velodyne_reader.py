@@ -14,6 +14,7 @@ from helpers.recordings import FIRINGS, pcap, turns, vls_packet
 
 from lidarscene.formats.packets.layouts import Packet
 from lidarscene.formats.packets.select_encoder import select_encoder
+from lidarscene.recordings.as_cloud import cloud_of
 from lidarscene.recordings.opening import open_recording
 from lidarscene.recordings.velodyne_reader import recording_of_scans, sweep_of_points
 from lidarscene.sensor.sensor_file import load_sensor
@@ -72,6 +73,17 @@ def test_a_packet_that_comes_late_is_in_its_place(two_turns: Path, tmp_path: Pat
     with open_recording(two_turns) as expected, open_recording(pcap(tmp_path / "a.pcap", payloads)) as recording:
         for sweep, right in zip(recording, expected, strict=True):
             np.testing.assert_array_equal(sweep.direction, right.direction)
+
+
+@pytest.mark.parametrize("apart", [1, 2, 5])
+def test_a_packet_that_was_captured_twice_counts_once(two_turns: Path, tmp_path: Path, apart: int) -> None:
+    """A bridge, and the port behind it, which hands on some packets at a time."""
+    payloads = turns(2 * PACKETS, missing=[(3, 40)])
+    bursts = [payloads[first : first + apart] for first in range(0, len(payloads), apart)]
+    twice = [payload for burst in bursts for payload in (*burst, *burst)]
+    with open_recording(two_turns) as expected, open_recording(pcap(tmp_path / "a.pcap", twice)) as recording:
+        for sweep, right in zip(recording, expected, strict=True):
+            np.testing.assert_array_equal(sweep.range_m, right.range_m)
 
 
 @pytest.mark.parametrize("missing", [50, 75, 110])
@@ -171,14 +183,29 @@ def test_a_file_without_packets_is_told(tmp_path: Path) -> None:
         open_recording(pcap(tmp_path / "other.pcap", [b"nothing"]))
 
 
-def test_messages_without_packets_are_told(tmp_path: Path, library: Callable[[str], Any]) -> None:
+def test_messages_without_packets_have_no_pulses(tmp_path: Path, library: Callable[[str], Any]) -> None:
     """Rationale: velodyne-decoder ends Python over none. A packet of another length is passed over."""
     library("velodyne_decoder")
     turn = [Packet(0.0, payload) for payload in turns(PACKETS)]
     recording = recording_of_scans(tmp_path, None, [[], [Packet(0.0, b"cut"), *turn]], name="")
-    assert recording[1].shape == (16, FIRINGS * PACKETS)
-    with told("points | none"):
-        recording[0]
+    assert [sweep.shape for sweep in recording] == [(16, 0), (16, FIRINGS * PACKETS)]
+
+
+@pytest.mark.parametrize("empty", [0, 1, 2])
+def test_a_turn_without_a_point_has_its_place_among_the_others(
+    tmp_path: Path, library: Callable[[str], Any], empty: int
+) -> None:
+    """A covered lens: the turn is empty, and begins when its first packet was sent, 1.327 ms after the one before."""
+    library("velodyne_decoder")
+    firings = range(FIRINGS * PACKETS * empty, FIRINGS * PACKETS * (empty + 1))
+    payloads = turns(3 * PACKETS, missing={(laser, firing) for laser in range(16) for firing in firings})
+    with open_recording(pcap(tmp_path / "a.pcap", payloads)) as recording:
+        sweeps = list(recording)
+    assert [int(sweep.has_return.sum()) for sweep in sweeps] == [
+        16 * FIRINGS * PACKETS * (n != empty) for n in range(3)
+    ]
+    assert [sweep.start_s for sweep in sweeps] == pytest.approx([1.327e-3 * PACKETS * n for n in range(3)], abs=1e-6)
+    assert cloud_of(sweeps[empty]).xyz_m.shape == (0, 3)
 
 
 def filled_firings() -> np.ndarray:

@@ -47,6 +47,7 @@ FILES: dict[str, str | bytes] = {
     "nan.csv": "time_s,x_m,y_m,z_m\n0,0,0,0\n1,0,nan,0\n",
     "empty.txt": "",
     "empty.csv": "",
+    "semicolons.csv": "time_s;x_m;y_m;z_m\n0;0;0;0\n1;0;0;0\n",
     "quat.csv": "time_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0,0,0,0,2\n1,0,0,0,0,0,0,1\n",
     "both.csv": "time_s,x_m,y_m,z_m,qx,yaw_deg\n0,0,0,0,0,0\n1,0,0,0,0,0\n",
     "short.txt": "0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 0.985\n",
@@ -128,6 +129,7 @@ def _in_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     [ego]\nposes_file = 'both.csv' | both.csv | qx, qy, qz, qw | yaw_deg
     [ego]\nposes_file = 'empty.txt' | empty.txt | two poses or more
     [ego]\nposes_file = 'empty.csv' | empty.csv | the columns
+    [ego]\nposes_file = 'semicolons.csv' | semicolons.csv | the columns | commas | 'time_s;x_m;y_m;z_m'
     [ego]\nmesh = "none.obj" | ego.mesh | none.obj | no such file
     [bodies.motion]\nwith_ego = true | 'wall' | with_ego | [ego]
     [bodies.motion]\nwith_ego = true\nspeed_m_s = 1\n[ego] | with_ego and speed_m_s

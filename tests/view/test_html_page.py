@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.chromium import Chromium
+from helpers.recordings import FIRINGS, pcap, turns
 from helpers.served import served
 from helpers.small_scene import COARSE
 from matplotlib import colormaps, image
@@ -234,6 +235,20 @@ def test_frames_and_their_slider(browser: Chromium, mi: Any, scene_file: Path, t
         browser.until(f"viewer.frame.name === 'frame_{number_}.ply'")
         assert browser.value("viewer.frame.count") == count
     assert browser.value("document.getElementById('frame-name').textContent").startswith("3 / 3")
+
+
+def test_a_recording_that_begins_with_an_empty_frame(browser: Chromium, library: Any, tmp_path: Path) -> None:
+    """Rationale: the page found no range to colour by. Its scale comes from the first frame with points, at 10 m."""
+    library("velodyne_decoder")
+    lost = {(laser, firing) for laser in range(16) for firing in range(75 * FIRINGS)}
+    recording, page = pcap(tmp_path / "a.pcap", turns(150, missing=lost)), tmp_path / "a.html"
+    assert main(["view", str(recording), "--save", str(page)]) == 0
+    browser.open(page.as_uri())
+    assert browser.value("viewer.frame.count") == 0
+    assert browser.value("viewer.colourBy") == "range"
+    browser.value("(s => { s.value = 1; s.dispatchEvent(new Event('input')); })(document.getElementById('frame'))")
+    browser.until("viewer.frame.count > 0 && viewer.legend.values.length > 0")
+    assert browser.value("viewer.legend.low") == pytest.approx(10.0, abs=0.1)
 
 
 def test_live_controls_render_in_place(browser: Chromium, live: str, scene_file: Path) -> None:

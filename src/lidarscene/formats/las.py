@@ -204,14 +204,20 @@ def _read(laspy: Any, file: IO[bytes]) -> Any:
 
 
 def _require_plausible(laspy: Any, file: IO[bytes]) -> None:
-    """Raise ValueError for counts in the header that the file has no room for: libraries would run out of memory."""
+    """Raise ValueError for counts in the header that the file has no room for.
+
+    Libraries would run out of memory, or leave the missing points out without a word.
+    """
     _require_counts(file)
     with laspy.open(file, closefd=False) as reader:
         header = reader.header
-        points = header.point_count * header.point_format.size
     size = os.fstat(file.fileno()).st_size
-    require_unpacked(size, points)
-    if header.are_points_compressed:
+    require_unpacked(size, header.point_count * header.point_format.size)
+    if not header.are_points_compressed:
+        room = (size - header.offset_to_point_data) // header.point_format.size
+        if room < header.point_count:
+            raise ValueError(f"truncated: must have {header.point_count} points, got {max(room, 0)}")
+    else:
         _require_chunks(file, header.offset_to_point_data, size)
         _require_layers(file, header, size)
     file.seek(0)

@@ -14,6 +14,9 @@ from .sweep import Second, Sweep
 UNKNOWN = 0
 """Value of columns that the recording does not have; `metadata["recorded"]` names those that it has."""
 
+PLACES = ("xyz_m", "range_m", "azimuth_rad", "elevation_rad")
+"""Columns that every recording has, in a frame without points too."""
+
 UNITS = {"intensity": "as recorded", "signal": "photons", "reflectivity": "as recorded"}
 """Scalars that may be the column `intensity`, the first that the recording has, and their units."""
 
@@ -29,7 +32,7 @@ def cloud_of(sweep: Sweep) -> PointCloud:
     columns: dict[str, Numbers] = {
         name: np.concatenate([return_columns[name] for return_columns in returns]) for name in returns[0]
     }
-    recorded_columns = " ".join(name for name, values in columns.items() if np.any(values))
+    recorded_columns = " ".join(name for name, values in columns.items() if name in PLACES or np.any(values))
     points = len(columns["range_m"])
     dtypes = {column.attribute: column.dtype for column in COLUMNS}
     attributes: dict[str, Any] = {

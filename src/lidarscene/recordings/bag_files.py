@@ -134,11 +134,11 @@ class BagReader:
         file = self._files.enter_context(open(path, "rb"))  # noqa: SIM115
         file.seek(-min(reader.MAGIC_SIZE, path.stat().st_size), os.SEEK_END)
         if file.read() != import_optional("mcap.writer", extra="ros").MCAP0_MAGIC:
-            raise ValueError("an MCAP must end as it begins; its recorder was stopped, or it is none")
+            raise ValueError("must end as an MCAP does; one whose recorder was stopped is mended by 'mcap recover'")
         file.seek(0)
 
         def parts_of(record: Any) -> list[Any]:
-            return reader.breakup_chunk(record) if isinstance(record, records.Chunk) else [record]
+            return reader.breakup_chunk(record, validate_crc=True) if isinstance(record, records.Chunk) else [record]
 
         @lru_cache(maxsize=1)  # messages of one chunk are read one after the other
         def parts_at(place: int) -> list[Any]:
@@ -149,7 +149,7 @@ class BagReader:
             return bytes(parts_at(place)[index].data)
 
         messages, schemas, channels, place = [], {}, {}, 0
-        for record in reader.StreamReader(file, emit_chunks=True).records:
+        for record in reader.StreamReader(file, emit_chunks=True, validate_crcs=True).records:
             for index, part in enumerate(parts_of(record)):
                 if isinstance(part, records.Schema):
                     schemas[part.id] = part.name

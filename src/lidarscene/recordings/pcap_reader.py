@@ -5,7 +5,7 @@ from __future__ import annotations
 import mmap
 import struct
 from array import array
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import overload
 
@@ -24,8 +24,17 @@ MAGIC = {
 """Source: pcap's file format; first bytes -> (order of its bytes, unit of the fraction of a second)."""
 
 HEADER_BYTES, RECORD_BYTES = 24, 16
-LOOPBACK, ETHERNET, RAW_IP, COOKED, COOKED_2 = 0, 1, 101, 113, 276
-_LINK_BYTES = {LOOPBACK: 4, ETHERNET: 14, RAW_IP: 0, COOKED: 16, COOKED_2: 20}
+LOOPBACK, ETHERNET, IP_ALONE, COOKED, COOKED_2 = (4, None), (14, 12), (0, None), (16, 14), (20, 0)
+LINKS: Mapping[int, tuple[int, int | None]] = {
+    **dict.fromkeys((0, 108), LOOPBACK),
+    **dict.fromkeys((12, 101, 228), IP_ALONE),
+    **{1: ETHERNET, 113: COOKED, 276: COOKED_2},
+}
+"""Source: tcpdump.org; link type -> bytes before IP, and place of the protocol among them."""
+
+TAGS = (b"\x81\x00", b"\x88\xa8")
+"""Source: IEEE 802.1Q; protocols of tags of virtual networks, 4 bytes each."""
+
 UDP = 17
 
 LATEST_S = 0.1
@@ -63,19 +72,17 @@ def packets_of(path: Path, predicate: Callable[[bytes], bool] = lambda _: True) 
     """UDP packets of one sender whose payload satisfies ``predicate``; ValueError if it is no pcap or is cut off.
 
     The sender is that of the first such packet, with the port that it sends to; a warning names it if there are others.
-    A packet that follows itself was captured twice, at a bridge and at the port behind it: it counts once.
     """
     times, starts, stops = array("d"), array("q"), array("q")
-    data, last = map_file(path), b""
+    data = map_file(path)
     senders: dict[tuple[str, int], None] = {}
     for time_s, link, record in records_of(data):
         datagram = udp_datagram(data, record, link)
-        if datagram is None or not predicate(payload := data[datagram[1]]):
+        if datagram is None or not predicate(data[datagram[1]]):
             continue
         sender, place = datagram
         senders.setdefault(sender)
-        if sender == next(iter(senders)) and payload != last:
-            last = payload
+        if sender == next(iter(senders)):
             times.append(time_s)
             starts.append(place.start)
             stops.append(place.stop)
@@ -124,7 +131,7 @@ def records_of(data: mmap.mmap) -> Iterator[tuple[float, int, slice]]:
         raise ValueError("must be a pcap: its first bytes are of none")
     order, fraction_unit_s = MAGIC[header[:4]]
     link = struct.unpack_from(order + "I", header, 20)[0] & 0xFFFF
-    if link not in _LINK_BYTES:
+    if link not in LINKS:
         raise ValueError(f"must be a pcap of Ethernet or IP, got link type {link}")
     offset, count, record = HEADER_BYTES, 0, struct.Struct(order + "IIII")
     while offset < len(data):
@@ -146,9 +153,12 @@ def udp_datagram(
     None for other packets and for fragments, but for the first one of each if not ``whole``.
     """
     start, end = record.start, record.stop
-    offset = start + _LINK_BYTES[link]
-    if link == ETHERNET and data[start + 12 : start + 14] == b"\x81\x00":  # a tag of a virtual network
+    link_bytes, protocol_at = LINKS[link]
+    offset = start + link_bytes
+    if protocol_at is not None and data[start + protocol_at : start + protocol_at + 2] in TAGS:
         offset += 4
+        while data[offset - 2 : offset] in TAGS:
+            offset += 4
     if end < offset + 28 or data[offset] >> 4 != 4 or data[offset + 9] != UDP:
         return None
     # More fragments follow, or an offset among them.
@@ -166,7 +176,8 @@ def udp_datagram(
 def in_order(packets: Packets, *, azimuth_at: int, stamp_at: int, period_s: float) -> tuple[Packets, Numbers, Numbers]:
     """Packets by the sensor's clock, the azimuths [0.01 degrees] at their starts, and the times between them [s].
 
-    A network may hand a packet on after a later one.
+    A network may hand a packet on after a later one. One that was captured twice, at a bridge and at the port behind
+    it, counts once.
 
     Args:
         azimuth_at: place of the azimuth in a payload, uint16
@@ -183,6 +194,10 @@ def in_order(packets: Packets, *, azimuth_at: int, stamp_at: int, period_s: floa
     passed_s[passed_s < -LATEST_S] = period_s  # the clock was set back, where a turn must end
     time_s = np.cumsum(np.r_[0.0, passed_s])
     order = np.argsort(time_s, kind="stable")
+    at_once = np.flatnonzero(np.diff(time_s[order]) < 0.5e-6) + 1  # of one stamp
+    numbers_of = order.tolist()
+    again = [n for n in at_once.tolist() if packets[numbers_of[n - 1]].payload == packets[numbers_of[n]].payload]
+    order = np.delete(order, again)
     return packets[order], azimuths[order], np.diff(time_s[order])
 
 

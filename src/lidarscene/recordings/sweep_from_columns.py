@@ -57,8 +57,8 @@ def sweep_of(
         raise ValueError(f"must have columns x, y and z, got {', '.join(columns) or 'none'}")
     if "body" in by_name and by_name.get("reflectivity", np.zeros(0, int)).dtype.kind == "f":
         del by_name["reflectivity"]  # of a surface, in clouds of lidarscene with ground truth
-    xyz_m = np.stack([by_name[axis].astype(np.float64) for axis in "xyz"], axis=-1)
-    with np.errstate(over="ignore", invalid="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):  # a NaN of damage may be one that signals
+        xyz_m = np.stack([by_name[axis].astype(np.float64) for axis in "xyz"], axis=-1)
         distance_m = np.sqrt(np.einsum("ij,ij->i", xyz_m, xyz_m))
     has_point = np.isfinite(distance_m) & (distance_m > LEAST_M)
     in_sweep = has_point if shape is None else np.ones(len(has_point), bool)

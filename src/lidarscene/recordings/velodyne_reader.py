@@ -8,6 +8,7 @@ decoder does not count the firings of lost packets, but times tell of them.
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -88,22 +89,24 @@ def recording_of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequen
 
 
 def _decode(decoder: Any, scan: Any, packets: Sequence[Packet]) -> tuple[float, Numbers]:
-    """Stamp of the sensor's clock [s], and (n, 8) points; none without packets, over which the decoder ends Python."""
-    whole = [decoder.VelodynePacket(packet.time_s, packet.payload) for packet in packets if is_velodyne(packet.payload)]
+    """Stamp of the sensor's clock [s] that times count from, or of the start without a point, and (n, 8) points.
+
+    Without packets there are none: the decoder would end Python.
+    """
+    whole = [packet for packet in packets if is_velodyne(packet.payload)]
     if not whole:
         return 0.0, np.zeros((0, 8))
-    stamp, points = scan.decode(whole)
+    stamp, points = scan.decode([decoder.VelodynePacket(packet.time_s, packet.payload) for packet in whole])
+    if not len(points):
+        return 1e-6 * struct.unpack_from("<I", whole[0].payload, STAMP_AT)[0], np.zeros((0, 8))
     return float(stamp.device), np.asarray(points, np.float64)
 
 
 def sweep_of_points(points: Numbers, *, start_s: float, metadata: Mapping[str, str]) -> Sweep:
-    """Sweep of channels by firings from the decoder's (n, 8) points.
-
-    Raises:
-        ValueError: if there are none
-    """
+    """Sweep of channels by firings from the decoder's (n, 8) points; without any point it counts no firings."""
     if not len(points):
-        raise ValueError("must have points, got none in this turn")
+        none, directions = np.zeros((CHANNELS[0], 0)), np.zeros((CHANNELS[0], 0, 3))
+        return Sweep(range_m=none, recorded=none, direction=directions, start_s=start_s, metadata=metadata)
     channels = int(points[:, RING].max()) + 1
     rows = min(count for count in CHANNELS if count >= channels)
     firings = _firings(points, channels)

@@ -2,10 +2,12 @@
 
 import bz2
 import dataclasses
+import gzip
 import math
 import re
 import shutil
 import sys
+from collections import defaultdict
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -352,6 +354,36 @@ def test_lights_stand_where_lanes_end_at_them(town: tuple[Path, Path]) -> None:
         assert np.isfinite(pavement.height_m(place_m[None])).all()
 
 
+def test_where_traffic_keeps_to_the_left_the_scene_is_the_mirror_image(tmp_path: Path) -> None:
+    """Lights, dashes between lanes of unequal width, stop lines and islands; on that of a ring stand no lamps.
+
+    Tolerance: netconvert rounds to a centimetre.
+    """
+    both: list[dict[str, np.ndarray]] = []
+    for keeps_left, mirrored in ((False, [1.0, 1.0]), (True, [1.0, -1.0])):
+        folder = tmp_path / str(keeps_left)
+        folder.mkdir()
+        configuration = networks.wide_crossing(folder, keeps_left=keeps_left)
+        places: defaultdict[str, list[np.ndarray]] = defaultdict(list)
+        for body in network_scene(configuration, "sumo", StreetFile(shown_m=400.0))["bodies"]:
+            kind = str(body["name"]).rstrip("_0123456789")
+            if kind == "island":
+                outline_m = np.array(body["outline"])[:, :2]
+                places[kind].append(0.5 * (outline_m.min(axis=0) + outline_m.max(axis=0)) * mirrored)
+            for place in body.get("instances", ()):
+                if "position_m" in place:
+                    places[kind].append(np.array(place["position_m"][:2]) * mirrored)
+        both.append({kind: np.array(each) for kind, each in places.items()})
+    right, left = both
+    for kind in ("lights", "dashes", "stop_lines", "island"):
+        assert len(right[kind]) == len(left[kind]) > 1, kind
+        apart_m = np.hypot(*(right[kind][:, None] - left[kind]).transpose(2, 0, 1)).min(axis=1)
+        assert apart_m.max() < 0.05, kind
+    # The ring is a square on its corner.
+    ring_m = left["island"][np.argmin(np.hypot(*(left["island"] - [300.0, 40.0]).T))]
+    assert np.abs(left["lamp_posts"] - ring_m).sum(axis=1).min() > 20.0
+
+
 @pytest.fixture(scope="module")
 def homes(tmp_path_factory: pytest.TempPathFactory) -> Tables:
     """Streets of OpenStreetMap where people live."""
@@ -381,6 +413,16 @@ def test_a_map_may_have_one_road_alone(tmp_path: Path) -> None:
     (tmp_path / "map.osm").write_text(re.sub('  <way id="11".*', "", networks.OSM))
     tables = network_scene(tmp_path / "map.osm", "osm", StreetFile(seed=4))
     assert any(body["name"].startswith("road_") for body in tables["bodies"])
+
+
+def test_a_bridge_of_a_map_is_above_the_road_below(tmp_path: Path) -> None:
+    """Rationale: at one height pavements lay across roads, and vehicles drove through each other."""
+    bridge = '<nd ref="4"/><nd ref="5"/><tag k="bridge" v="yes"/><tag k="layer" v="1"/>'
+    (tmp_path / "map.osm").write_text(networks.OSM.replace('<nd ref="4"/><nd ref="2"/><nd ref="5"/>', bridge))
+    tables = network_scene(tmp_path / "map.osm", "osm", StreetFile(seed=4, oncoming_gap_m=(100.0, 200.0)))
+    lines_m = [np.array(body["line"]) for body in tables["bodies"] if body["name"].startswith("road_")]
+    heights_m = sorted(float(height_m) for line_m in lines_m for height_m in np.unique(line_m[:, 2].round(3)))
+    assert heights_m == [0.0, 0.0, sumo.LAYER_M, sumo.LAYER_M]
 
 
 def test_nobody_stands_for_ever_at_the_end_of_a_one_way_road(tmp_path: Path) -> None:
@@ -553,6 +595,9 @@ def test_every_body_of_drawn_traffic_loads(homes: Tables, tmp_path: Path) -> Non
     --opendrive none.xodr | none.xodr | no such file
     --opendrive town.sumocfg | town.sumocfg | netconvert
     --sumo town.rou.xml | town.rou.xml | net-file
+    --sumo cut.sumocfg | cut.net.xml | XML | unclosed
+    --sumo packed.sumocfg | packed.net.xml.gz | XML | Compressed
+    --sumo long.sumocfg | long.rou.xml | XML | 'long'
     --sumo town.sumocfg --ego nobody | town.sumocfg | 'nobody' | none
     --sumo town.sumocfg --ego walks | town.sumocfg | 'walks' | none
     --opendrive town.xodr --ego a | --ego | --sumo
@@ -566,6 +611,16 @@ def test_every_body_of_drawn_traffic_loads(homes: Tables, tmp_path: Path) -> Non
 def test_mistakes(run: Run, town: tuple[Path, Path], given: str, named: str) -> None:
     for path in town[0].parent.glob("town.*"):
         Path(path.name).write_bytes(path.read_bytes())
+    network, routes, scenario = (Path(f"town.{kind}").read_bytes() for kind in ("net.xml", "rou.xml", "sumocfg"))
+    Path("cut.net.xml").write_bytes(network[: len(network) // 2])
+    Path("packed.net.xml.gz").write_bytes(gzip.compress(network)[:-100])
+    Path("long.rou.xml").write_bytes(routes.replace(b"14.9", b"long"))
+    for name, old, new in (
+        ("cut", b"town.net", b"cut.net"),
+        ("packed", b"town.net.xml", b"packed.net.xml.gz"),
+        ("long", b"town.rou", b"long.rou"),
+    ):
+        Path(f"{name}.sumocfg").write_bytes(scenario.replace(old, new))
     Path("map.osm.pbf").write_bytes(b"\0\0\0\x0d\n\x09OSMHeader\x18\x7c")
     Path("map.osm.bz2").write_bytes(bz2.compress(networks.OSM.encode()))
     typed(run, named, "street", *given.split(), "-o", "out")

@@ -16,6 +16,9 @@ from ...errors import InputError
 from ...maths.arrays import Numbers
 from ..inputs import require_file
 
+SHOWN = 60
+"""Choice: letters of a wrong line that are shown."""
+
 
 def read_columns(path: Path, *, is_wanted: Callable[[str], bool]) -> dict[str, Numbers]:
     """Read (n,) float64 values of each column whose name satisfies ``is_wanted``; n may be 0.
@@ -26,10 +29,12 @@ def read_columns(path: Path, *, is_wanted: Callable[[str], bool]) -> dict[str, N
     require_file(path, "a CSV file")
     try:
         with path.open(encoding="utf-8-sig") as file:
-            names = [name.strip() for name in file.readline().split(",")]
+            first_line = file.readline().strip()
+            names = [name.strip() for name in first_line.split(",")]
             column_indices = [number for number, name in enumerate(names) if is_wanted(name)]
             if not column_indices:
-                raise InputError(f"{path}: the first line must name the columns")
+                must = "the first line must name the columns, with commas between them"
+                raise InputError(f"{path}: {must}, got {first_line[:SHOWN]!r}")
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of an empty table: the caller has a better message
                 values = np.loadtxt(file, delimiter=",", usecols=column_indices, ndmin=2, dtype=np.float64)

@@ -48,12 +48,12 @@ def islands_between_m(group: LaneGroup, opposite: LaneGroup) -> Iterator[Numbers
     """Yield (k, 3) corners of the islands between lanes of two directions of a road, where these are apart."""
     share = np.linspace(0.0, 1.0, 2 + int(way_length_m(group.line_m) / ISLAND_STEP_M))
     near_m, far_m = (
-        _border_m(each, of_it * way_length_m(each.line_m), 0.0)
+        _border_m(each, of_it * way_length_m(each.line_m), 0.0, -group.outside)
         for each, of_it in ((group, share), (opposite, 1.0 - share))
     )
     heading = along(group.line_m, share * way_length_m(group.line_m))[:, 2]
     apart_m = far_m[:, :2] - near_m[:, :2]
-    width_m = -np.sin(heading) * apart_m[:, 0] + np.cos(heading) * apart_m[:, 1]
+    width_m = group.outside * (np.sin(heading) * apart_m[:, 0] - np.cos(heading) * apart_m[:, 1])
     lap_m = np.pad(LAP_M * apart_m / np.maximum(np.abs(width_m), LEAST_ISLAND_M)[:, None], ((0, 0), (0, 1)))
     is_island = (width_m > LEAST_ISLAND_M) & (width_m < MOST_ISLAND_M)
     for begin, end in runs(is_island):

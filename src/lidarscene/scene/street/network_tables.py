@@ -437,11 +437,11 @@ def _surroundings(network: Network, file: StreetFile, relief: Relief, terrain: T
     main = draw_district(roadside.random)
     for group in network.groups:
         district = draw_district(roadside.random, main)
-        for side in (-1.0,) if any(group.edge in ring for ring in network.rings) else (-1.0, 1.0):
+        for side in (group.outside,) if any(group.edge in ring for ring in network.rings) else (-1, 1):
             roadside.rails(group, side)
             roadside.line(group, side, district)
     for group in network.groups:
-        for side in (-1.0, 1.0):
+        for side in (-1, 1):
             roadside.bushes(group, side)
     return [standing_table(name, places) for name, places in sorted(roadside.items.items()) if places]
 
@@ -470,14 +470,15 @@ class _Roadside:
         self._roads, self._room = Room(np.concatenate(boxes)), Room(np.concatenate(boxes))
 
     def lights(self, network: Network) -> None:
-        """Place traffic lights where lanes end at them, to the right of these and of cycle paths beside them."""
+        """Place traffic lights where lanes end at them, outside of these and of cycle paths beside them."""
         for group in network.groups:
             if group.kind == "road" and group.ends_at_lights:
                 beside = [each for each in network.groups if each.edge == group.edge and each.kind == "cycle_path"]
                 aside_m = 0.5 * group.width_m + sum(each.width_m for each in beside) + POST_LINE_M
+                left_m = group.outside * aside_m
                 way_m = np.array([max(way_length_m(group.line_m) - 0.5, 0.0)])
-                self._room.take(np.hstack([along(group.line_m, way_m, -aside_m), [[0.2, 0.2]]]))
-                self.items["lights"] += poses_along(group.line_m, way_m, -aside_m, turn_deg=180.0)
+                self._room.take(np.hstack([along(group.line_m, way_m, left_m), [[0.2, 0.2]]]))
+                self.items["lights"] += poses_along(group.line_m, way_m, left_m, turn_deg=180.0)
 
     def parapets(self, group: LaneGroup, relief: Relief) -> None:
         """Place guard rails on both sides of a road where it passes over another."""

@@ -18,6 +18,7 @@ import sys
 import xml.etree.ElementTree as ElementTree
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -41,6 +42,9 @@ WITH_LIMIT = (
     "os.execv(sys.argv[2], sys.argv[2:])"
 )
 """Program that limits its memory and becomes another."""
+
+LAYER_M = 6.0
+"""Choice: height of a layer of OpenStreetMap above the one below: lorries, 4.7 m of clear height, and a deck."""
 
 POSE_S = 0.5
 """Choice: time from pose to pose of a motion, or SUMO's own step if that is longer."""
@@ -117,6 +121,7 @@ class LaneGroup(NamedTuple):
         edge: SUMO's name of the road in this direction
         ends_at_lights: whether vehicles stop at its end for traffic lights
         speed_m_s: allowed there
+        outside: side of the road's edge: -1 right, 1 left, where traffic keeps to the left
     """
 
     kind: LaneKind
@@ -125,6 +130,7 @@ class LaneGroup(NamedTuple):
     edge: str
     ends_at_lights: bool
     speed_m_s: float
+    outside: Literal[-1, 1] = -1
 
     @property
     def width_m(self) -> float:
@@ -198,6 +204,7 @@ def convert(map_file: Path, kind: Literal["opendrive", "osm"], folder: Path) -> 
         "osm": [
             *("--geometry.remove", "--ramps.guess", "--junctions.join"),
             *("--tls.guess-signals", "--tls.join", "--sidewalks.guess", "--crossings.guess"),
+            *("--osm.layer-elevation", f"{LAYER_M:g}"),
         ],
     }[kind]
     files = [f"--{kind}-files", str(map_file), "-o", str(network), "--no-warnings"]
@@ -303,9 +310,15 @@ def _spread(begin: Sequence[float], end: Sequence[float]) -> str:
 
 
 def read_network(path: Path) -> Network:
-    """Read the surfaces of a network of SUMO."""
+    """Read the surfaces of a network of SUMO.
+
+    Raises:
+        InputError: if it cannot be read
+    """
     sumolib = import_optional("sumolib", extra="traffic")
-    net = sumolib.net.readNet(str(path), withInternal=True)
+    with _read_errors(path):
+        net = sumolib.net.readNet(str(path), withInternal=True)
+        outside: Literal[-1, 1] = 1 if _keeps_left(path) else -1
     rings = [frozenset(roundabout.getEdges()) for roundabout in net.getRoundabouts()]
     network = Network([], [], [], [], {}, [], rings, [])
     ends: dict[tuple[str, str], str] = {}
@@ -315,7 +328,7 @@ def read_network(path: Path) -> Network:
         if (end, begin) in ends:
             network.opposite.append((ends[end, begin], edge.getID()))
         ends[begin, end] = edge.getID()
-        groups = _groups(edge)
+        groups = _groups(edge, outside)
         network.groups.extend(groups)
         if any(group.kind == "road" for group in groups):
             network.roads[edge.getID()] = edge.getLength()
@@ -338,7 +351,14 @@ def read_network(path: Path) -> Network:
     return network
 
 
-def _groups(edge: Any) -> list[LaneGroup]:
+def _keeps_left(path: Path) -> bool:
+    """Return whether a network's traffic keeps to the left, which sumolib does not read."""
+    with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
+        _, root = next(iter(ElementTree.iterparse(file, events=["start"])))
+    return root.get("lefthand") in ("true", "1")
+
+
+def _groups(edge: Any, outside: Literal[-1, 1] = -1) -> list[LaneGroup]:
     """Lanes of an edge, those of one kind side by side together; the road is to the left of its pavements' lines."""
     groups: list[LaneGroup] = []
     ends_at_lights = "traffic_light" in edge.getToNode().getType()
@@ -351,7 +371,9 @@ def _groups(edge: Any) -> list[LaneGroup]:
         # The middle of all lanes between those of the first and of the last.
         share = (0.5 * sum(widths) - 0.5 * widths[0]) / apart_m if apart_m > 0.0 else 0.0
         line_m = _without_repeats(shapes[0] + share * (shapes[-1] - shapes[0]))
-        groups.append(LaneGroup(kind, line_m, widths, edge.getID(), ends_at_lights, edge.getSpeed()))
+        # SUMO counts lanes from the edge of the road.
+        from_right_m = widths[:: -int(outside)]
+        groups.append(LaneGroup(kind, line_m, from_right_m, edge.getID(), ends_at_lights, edge.getSpeed(), outside))
     for number, group in enumerate(groups):
         neighbours = [near for near in groups[max(number - 1, 0) : number + 2] if near.kind != "pavement"]
         if group.kind == "pavement" and neighbours:
@@ -519,8 +541,8 @@ def _types(files: Sequence[Path]) -> dict[str, tuple[str, float]]:
     for path in files:
         for element in _xml(path).iter("vType"):
             kind = element.get("vClass", "passenger")
-            length_m = float(element.get("length") or class_entry(kind)["length_m"])
-            types[element.get("id", "")] = kind, length_m
+            with _read_errors(path):
+                types[element.get("id", "")] = kind, float(element.get("length") or class_entry(kind)["length_m"])
     return types
 
 
@@ -638,11 +660,17 @@ def _xml(path: Path) -> ElementTree.Element:
         InputError: if it cannot be read
     """
     require_file(path)
+    with _read_errors(path), gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
+        return ElementTree.parse(file).getroot()
+
+
+@contextmanager
+def _read_errors(path: Path) -> Iterator[None]:
+    """Turn what a reader of XML raises, or sumolib, which checks nothing, into an InputError of one line."""
     try:
-        with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
-            return ElementTree.parse(file).getroot()
-    except (OSError, LookupError, ValueError, ElementTree.ParseError) as error:
-        raise InputError(f"{path}: cannot be read as XML: {error}") from None
+        yield
+    except Exception as error:
+        raise InputError(f"{path}: cannot be read as XML of SUMO: {str(error) or type(error).__name__}") from None
 
 
 def _home() -> Path:

@@ -43,9 +43,9 @@ class Legend {
     Object.assign(this, { element, changed, field: null, off: new Set() });
   }
 
-  // `keep`: limits and hidden kinds stay if the field is the one that was shown.
+  // `keep`: limits and hidden kinds stay if the field is the one that was shown, of some points.
   show(field, values, keep) {
-    const same = keep && this.field?.name === field.name && this.field.unit === field.unit;
+    const same = keep && this.values?.length > 0 && this.field.name === field.name && this.field.unit === field.unit;
     [this.field, this.values] = [field, values];
     if (!same) {
       this.log = field.log;
