@@ -10,7 +10,7 @@ from helpers.premises import premise
 from helpers.run_seed import chosen
 from helpers.trains import FWHM_S, SIGMA_M, SIGMA_S, detect, power_at_snr, sensor, train
 from scipy.optimize import brentq
-from scipy.stats import binomtest, norm
+from scipy.stats import binomtest, ks_2samp, norm
 
 from lidarscene.detection.outcomes import Outcome, Status
 from lidarscene.light.echoes import Echoes, Volume, hump_of
@@ -250,11 +250,55 @@ def test_noise_chooses_between_two_echoes_of_like_strength(keys, dead_time_ns):
     assert stop.reported.all()
     expected = norm.cdf(0.5 / math.sqrt(2.0))
     assert np.mean(stop.true_range_m > 101.1) == pytest.approx(expected, abs=0.01 + 4.5 * math.sqrt(0.24 / count))
-    if keys == SAMPLES and dead_time_ns:
-        return  # samples have noise of their own, beside that which chooses
     larger = 0.5 * expected + math.sqrt(2.0) * norm.pdf(0.5 / math.sqrt(2.0))
     measured = (np.mean(stop.amplitude) - np.mean(alone[0].amplitude)) / sigma
     assert measured == pytest.approx(larger, abs=0.01 + 4.5 * math.sqrt(2.0 / count))
+
+
+@pytest.mark.parametrize("keys", [["tdc.timing='peak'"], ["tdc.keep='strongest'"], SAMPLES])
+def test_of_peaks_within_a_dead_time_the_highest_is_reported(keys):
+    """Three alike, far enough apart that they share no noise. Reference: the highest of three, of pulses of one echo.
+    Kolmogorov and Smirnov at 1e-6.
+    """
+    equipped = sensor("table1-apd", *keys, "tdc.dead_time_ns=60", *trains.QUIET)
+    count, range_m, power_w = 4000, np.array([100.0, 102.2, 104.4]), power_at_snr(equipped, 200.0)
+    stop = detect(train(np.tile(range_m, (count, 1)), np.full((count, 3), power_w)), equipped).stops[0]
+    alone = detect(train(np.full((3 * count, 1), 100.0), np.full((3 * count, 1), power_w)), equipped, seed=7).stops[0]
+    assert ks_2samp(stop.amplitude, alone.amplitude.reshape(count, 3).max(axis=1)).pvalue > 1e-6
+
+
+def test_noise_that_two_peaks_share_does_not_choose():
+    """Noise of 20 kHz changes by 0.1 % of its deviation from one to the other, and half a one is between them."""
+    overrides = ["tdc.timing='peak'", "tdc.dead_time_ns=30", "tdc.bandwidth_mhz=0.02", *trains.QUIET]
+    equipped = sensor("table1-apd", *overrides)
+    powers_w = power_at_snr(equipped, 200.0) * np.array([1.0, 1.0 + 0.5 / 200.0])
+    light = train(np.tile([100.0, 102.2], (500, 1)), np.tile(powers_w, (500, 1)))
+    assert (detect(light, equipped).stops[0].true_range_m > 101.1).all()
+
+
+def test_within_a_dead_time_a_peak_below_the_threshold_is_none():
+    """Two echoes at the threshold, whose slow noise is nearly the same at both: the point is of one that trips alone.
+
+    Each trips by a deviate of its own, the same with and without a dead time.
+    """
+    equipped = sensor("table1-apd", "tdc.timing='peak'", "tdc.stops=2", "tdc.bandwidth_mhz=2", *trains.QUIET)
+    power_w = power_at_snr(equipped, 50.0) * np.array([0.99, 1.01])
+    light = train(np.tile([100.0, 102.2], (500, 1)), np.tile(power_w, (500, 1)))
+    apart, together = (
+        np.stack([np.where(stop.reported, stop.true_range_m, 0.0) for stop in detect(light, one).stops])
+        for one in (equipped, replace(equipped, tdc=replace(equipped.tdc, dead_time_s=40e-9)))
+    )
+    assert ((apart > 0.0).sum(axis=0) == 1).sum() > 100
+    assert (together[1] == 0.0).all()
+    np.testing.assert_array_equal(together[0] > 0.0, apart[0] > 0.0)
+    assert (together[0] == apart).any(axis=0).all()
+
+
+def test_an_echo_that_rounds_to_no_range_holds_no_dead_time():
+    equipped = sensor("table1-apd", "tdc.timing='peak'", "tdc.lsb_ps=1000", "tdc.dead_time_ns=80", *trains.QUIET)
+    power_w = power_at_snr(equipped, 1000.0)
+    (stop,) = detect(train(np.full((20, 2), (0.03, 5.0)), np.full((20, 2), (2.0 * power_w, power_w))), equipped).stops
+    np.testing.assert_array_equal(stop.true_range_m, 5.0)
 
 
 def test_outcomes():

@@ -220,8 +220,36 @@ def test_pulses_by_their_valleys(peaks, expected):
     tops, _ = find_peaks(power, height=1.0, prominence=1.0 - 1e-9)
     assert list(fine_m[tops]) == pytest.approx([50.0 + 6.0 * i for i in expected], abs=0.02)
     detection = trains.detect(light, sensor)
-    measured_m = [float(stop.range_m[0]) for stop in detection.stops if stop.reported[0]]
-    assert measured_m == pytest.approx([50.0 + 6.0 * i for i in expected], abs=0.3 * trains.SIGMA_M)
+    kept = [stop for stop in detection.stops if stop.reported[0]]
+    assert [float(stop.range_m[0]) for stop in kept] == pytest.approx(
+        [50.0 + 6.0 * i for i in expected], abs=0.3 * trains.SIGMA_M
+    )
+    threshold = float(sensor.threshold(sensor.working_point(light.background_power_w))[0])
+    heights = [float(stop.amplitude[0]) / threshold for stop in kept]
+    assert heights == pytest.approx([peaks[2 * i] for i in expected], rel=0.01)
+
+
+@pytest.mark.parametrize(("other", "kept_m"), [(3.2, 50.0), (3.6, 60.0)])
+def test_a_pulse_that_rises_further_is_as_strong_as_its_highest_peak(other, kept_m):
+    """Peaks of 3.1 and 3.4 thresholds, 2.7 in the valley between, are one pulse, which its first edge times."""
+    sensor = load_sensor("table1-apd", overrides=["tdc.keep='strongest'", "tdc.walk='raw'", *CLEAN])
+    light, fine_m, power = on_light(sensor, [(50.0, 3.0), (50.0 + 2.6 * trains.SIGMA_M, 3.3), (60.0, other)], [])
+    (stop,) = trains.detect(light, sensor).stops
+    edge_m = fine_m[(fine_m < kept_m) & (power < 1.0)][-1]
+    assert stop.range_m[0] == pytest.approx(edge_m, abs=0.01 * trains.SIGMA_M)
+    threshold = float(sensor.threshold(sensor.working_point(light.background_power_w))[0])
+    highest = power[np.abs(fine_m - kept_m) < 2.0].max()
+    assert stop.amplitude[0] == pytest.approx(highest * threshold, rel=0.01)
+
+
+@pytest.mark.parametrize(("timing", "points"), [("leading_edge", 0), ("peak", 1)])
+def test_light_that_began_in_the_blanking_has_no_edge(timing, points):
+    """A bump of half a threshold on it makes none either; a receiver that times peaks sees its peak."""
+    overrides = ["tdc.keep='strongest'", f"tdc.timing='{timing}'", "tdc.blanking_ns=330", *CLEAN]
+    sensor = load_sensor("table1-apd", overrides=overrides)
+    light, *_ = on_light(sensor, [(55.0, 0.5)], [(44.0, 0.0), (45.0, 2.0), (58.0, 1.9), (59.0, 0.0)])
+    (stop,) = trains.detect(light, sensor).stops
+    assert int(stop.reported[0]) == points
 
 
 @pytest.mark.parametrize("rate", [2.0, 25.0])

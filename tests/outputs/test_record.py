@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,17 @@ from helpers.run_seed import chosen
 from helpers.walls import write_moving_rig
 
 import lidarscene
-from lidarscene import FrameOptions, Outputs, TraceOptions, load_rig, load_scene, load_sensor, record
+from lidarscene import (
+    FrameOptions,
+    Outputs,
+    TraceOptions,
+    load_rig,
+    load_scene,
+    load_sensor,
+    record,
+    render,
+    render_frames,
+)
 from lidarscene.errors import OptionWarning
 from lidarscene.rendering.simulator import Simulator
 
@@ -188,9 +199,11 @@ def test_rays_without_a_width_are_warned_of(mi, run: Run, moving: str) -> None:
     message = (
         r"^rays 3 changes nothing: laser.divergence_mrad of 'table1-apd' is 0; a width is given by overrides laser"
     )
-    with pytest.warns(OptionWarning, match=message) as caught:
-        record(moving, sensor, outputs=Outputs("a.ply"), rays=3)
-    assert caught[0].filename == __file__
+    calls = (partial(record, outputs=Outputs("a.ply")), render, partial(render_frames, frames=1))
+    for call in calls:
+        with pytest.warns(OptionWarning, match=message) as caught:
+            call(moving, sensor, rays=3)
+        assert caught[0].filename == __file__
 
 
 def test_observers_are_told_of_what_is_streamed(mi, run: Run, moving: str) -> None:

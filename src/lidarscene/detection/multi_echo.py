@@ -39,14 +39,14 @@ class _Pulse:
         stop: return that the peak would give
         peak: place of its peak
         top: signal there
-        noise: noise of it
+        height: signal there with the noise by which it is compared with others
         lowest: lowest signal since
     """
 
     stop: Stop
     peak: Lanes
     top: Lanes
-    noise: Lanes
+    height: Lanes
     lowest: Lanes
 
 
@@ -177,7 +177,7 @@ class Rises(Received):
             highest=zero,
             highest_w=zero,
             stops=stop_list.empty_stops(tdc, empty),
-            pulse=_Pulse(stop=empty, peak=earliest, top=zero, noise=zero, lowest=zero) if peaks else None,
+            pulse=_Pulse(stop=empty, peak=earliest, top=zero, height=zero, lowest=zero) if peaks else None,
             memory=(memory := echo_memory.empty_memory(self)),
             at_highest=echo_memory.Residue(floor=zero, held=zero, share=zero + 1.0) if memory else None,
         )
@@ -248,40 +248,41 @@ class Rises(Received):
         tripped = rise.exists & trip.tripped
         in_valley = valley >= trip.level
         place = converter._crossing(rise, trip, tripped, in_valley, gain)
-        trip = converter._with_lag(rise, trip)
+        # What does not trip above other light is part of a pulse that does not stand on it.
+        trip = replace(converter._with_lag(rise, trip), base=ops.where(tripped, base, 0.0))
         crossing_s = self.time_s(place) + trip.count_lag_s
         separate = (rise.peak - last_pulse.peak) * self.sigma_s >= tdc.dead_time_s
         separate = separate & (~held | (last_pulse.top >= self.threshold + base))
         fresh = tripped & separate
-        # Of two peaks that are one pulse the higher counts. Noise chooses between like ones, unless they share it.
-        noise, lag_s = trip.deviate * trip.sigma, (rise.peak - last_pulse.peak) * self.sigma_s
-        apart = tdc_formulas.noise_change(lag_s=lag_s, crossing_bandwidth_hz=self.sensor.crossing_bandwidth_hz)
-        rises = trip.signal - last_pulse.top + apart * (noise - last_pulse.noise) > 0.0
-        higher = rise.exists & ~separate & rises & (tripped | state.high)
-        accepted = (fresh | higher) & comparator.accepts_crossing(self.sensor, crossing_s)
+        # Of an edge that was blanked there is nothing to raise.
+        joins = tripped | (held & last_pulse.stop.occupied if self.sensor.times_edge else held)
+        accepted = (fresh | (rise.exists & ~separate & joins)) & comparator.accepts_crossing(self.sensor, crossing_s)
         measured = accepted & stop_list.may_keep(tdc, crossing_s, state.stops)
         new_stop = converter._stop(rise, trip, measured, place, in_valley, crossing_s)
-        accepted = accepted & (new_stop.occupied | ~measured)
+        # Of two peaks that are one pulse the higher counts. Noise chooses between like ones, unless they share it.
+        height, lag_s = self._compared(trip, new_stop, measured), (rise.peak - last_pulse.peak) * self.sigma_s
+        apart = tdc_formulas.noise_change(lag_s=lag_s, crossing_bandwidth_hz=self.sensor.crossing_bandwidth_hz)
+        higher = apart * (height - last_pulse.height) + (1.0 - apart) * (trip.signal - last_pulse.top) > 0.0
+        accepted = accepted & (fresh | higher) & (new_stop.occupied | ~measured)
         finished = replace(last_pulse.stop, key=ops.where(accepted & separate, last_pulse.stop.key, EMPTY))
         stop = new_stop
         if self.sensor.times_edge:
             # The edge of a pulse stays where it was, if what comes later only raises it.
-            raised = ~tripped & last_pulse.stop.occupied
-            key = stop_list.sort_key(tdc, last_pulse.stop.time_s, new_stop.amplitude)
             same_edge = replace(
                 last_pulse.stop,
-                key=ops.where(new_stop.occupied, key, EMPTY),
+                key=stop_list.sort_key(tdc, last_pulse.stop.time_s, new_stop.amplitude),
                 amplitude=new_stop.amplitude,
                 snr=new_stop.snr,
                 detection_probability=new_stop.detection_probability,
             )
-            stop = select_state(raised, same_edge, new_stop)
+            stop = select_state(tripped, new_stop, same_edge)
         pulse = _Pulse(
             stop=select_state(accepted, stop, last_pulse.stop),
             peak=ops.where(accepted, rise.peak, last_pulse.peak),
             top=ops.where(accepted, trip.signal, last_pulse.top),
-            noise=ops.where(accepted, noise, last_pulse.noise),
-            lowest=ops.where(accepted, trip.signal, ops.where(rise.exists, lowest, last_pulse.lowest)),
+            height=ops.where(accepted, height, last_pulse.height),
+            # Light of a pulse that is not taken, as in the blanking, holds later light up as well.
+            lowest=ops.where(accepted | fresh, trip.signal, ops.where(rise.exists, lowest, last_pulse.lowest)),
         )
         return self._advance(
             state,
@@ -295,6 +296,15 @@ class Rises(Received):
             stops=stop_list.insert_stop(tdc, state.stops, finished, later=True),
             pulse=pulse,
         )
+
+    def _compared(self, trip: comparator.Trip, stop: Stop, measured: Mask) -> Lanes:
+        """Height by which a peak is compared with others of its dead time, (n,): the measured one.
+
+        Those of several levels are steps, and on lasting light only bounds: there the noise of the edge stands for it.
+        """
+        if isinstance(self.sensor.sampler, MultiLevel):
+            return trip.signal + trip.deviate * trip.sigma
+        return self.ops.where(measured, stop.amplitude, trip.signal)
 
     def _base_signal(self, lowest: Lanes) -> Lanes:
         """Signal from which the threshold counts for a pulse on top of other light, (n,).

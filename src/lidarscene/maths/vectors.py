@@ -33,6 +33,11 @@ def cross(a: Vector, b: Vector) -> Vector:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
+def cross_in_plane(a: Numbers, b: Numbers) -> Numbers:
+    """(...) a x b of vectors (..., 2) in a plane; further coordinates do not count."""
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+
+
 def weighted_sum(a: Lanes, u: Vector, b: Lanes, v: Vector) -> Vector:
     """a u + b v."""
     return a * u[0] + b * v[0], a * u[1] + b * v[1], a * u[2] + b * v[2]

@@ -15,7 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Unpack
 
-from ..errors import OptionError, OptionWarning, warn
+from ..errors import OptionError
 from ..files.arguments import checks_arguments
 from ..files.atomic import name_path_in_errors
 from ..files.overrides import Overrides, assignments
@@ -150,7 +150,6 @@ def record(
     check_writable(plan, [*planned, *({"poses": path} for path in pose_files.values())])
     described = changed_scene(scene, scene_changes)
     sensors = _sensors(described, sensor, changes, frame)
-    _warn_of_thin_beams(trace, sensors)
     warn_of_doubts(mounted.sensor for mounted in sensors)
     warn_of_size(plan, sensors, trace, blocks.lanes_per_chunk(frame.chunk))
     encoders = _encoders(plan, sensors, clouds)
@@ -341,26 +340,6 @@ def _inputs(
         yield from sensor.files
     elif sensor is not None and not isinstance(sensor, Sensor):
         yield Path(sensor)
-
-
-def _warn_of_thin_beams(trace: TraceOptions, sensors: Sequence[Mounted]) -> None:
-    """Warn of several rays for a beam without width: no mistake, but they change nothing."""
-    if trace.rays == 1:
-        return
-    thin_beamed = [
-        sensor.name
-        for sensor in (mounted.sensor for mounted in sensors)
-        if not (sensor.laser.has_width or sensor.optics.halo or sensor.sweep_rad)
-    ]
-    for name in dict.fromkeys(thin_beamed):
-        warn(
-            OptionWarning(
-                "{rays} {0} changes nothing: laser.divergence_mrad of '{1}' is 0; a width is given by {overrides} "
-                "laser.divergence_mrad=3",
-                trace.rays,
-                name,
-            )
-        )
 
 
 class _Progress:

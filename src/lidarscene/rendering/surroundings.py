@@ -131,8 +131,8 @@ class Surroundings:
 
 
 def simulator_surroundings(simulator: Simulator, frame: FrameOptions, frames: int | None = 1) -> Surroundings:
-    """Surroundings of a simulator's sensor in its scene as the first frame begins, and doubts about its way until the
-    last one ends.
+    """Surroundings of a simulator's sensor in its scene as the first frame begins, with doubts about its way until the
+    last one ends and about its rays.
 
     Args:
         frames: number of frames; None: without end
@@ -144,7 +144,8 @@ def simulator_surroundings(simulator: Simulator, frame: FrameOptions, frames: in
         scene, simulator.sensor, pose_at(simulator.motion, begin_s).position_m, time_s=begin_s, clearance=clearance
     )
     way = _way_doubts(scene, clearance, begin_s, begin_s + length_s)
-    return replace(surroundings, doubts=(*surroundings.doubts, *way))
+    beam = _beam_doubts(simulator.sensor, simulator.trace.rays)
+    return replace(surroundings, doubts=(*surroundings.doubts, *way, *beam))
 
 
 def warn_of_surroundings(sensors: Sequence[Surroundings]) -> None:
@@ -191,6 +192,17 @@ def _way_doubts(scene: Scene, clearance: Clearance, begin_s: float, end_s: float
             "ground or another way ([ego]) keeps it in the scene",
             time_s[np.argmin(grounded)] - begin_s,
             round(begin_s, 3),
+        )
+
+
+def _beam_doubts(sensor: Sensor, rays: int) -> Iterator[OptionWarning]:
+    """Warn of several rays for a beam without width: no mistake, but they change nothing."""
+    if rays > 1 and not (sensor.laser.has_width or sensor.optics.halo or sensor.sweep_rad):
+        yield OptionWarning(
+            "{rays} {0} changes nothing: laser.divergence_mrad of '{1}' is 0; a width is given by {overrides} "
+            "laser.divergence_mrad=3",
+            rays,
+            sensor.name,
         )
 
 

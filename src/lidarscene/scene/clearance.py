@@ -17,6 +17,7 @@ import numpy as np
 from ..errors import OptionError
 from ..maths.arrays import Numbers
 from ..maths.trajectory import Motion, pose_at, poses_at
+from ..maths.vectors import cross_in_plane
 from .scene import Ball, Body, Part, Scene, box_of
 
 NARROWEST_ROOM_M = 1.0
@@ -301,16 +302,11 @@ def _along_m(corners: Numbers, up: Numbers, across: Numbers) -> Numbers:
     a, b, c = np.moveaxis(flat[near], 1, 0)
     # The origin of the plane is inside the triangle if all three signed areas have one sign, whatever the winding.
     # These areas are the barycentric weights, not yet normalised.
-    weights = np.stack([_cross_product(b, c), _cross_product(c, a), _cross_product(a, b)], axis=1)
+    weights = np.stack([cross_in_plane(b, c), cross_in_plane(c, a), cross_in_plane(a, b)], axis=1)
     total = weights.sum(axis=1)
     crosses = (total != 0.0) & (((weights >= 0.0).all(axis=1)) | ((weights <= 0.0).all(axis=1)))
     heights = corners[near[crosses]] @ up
     return np.asarray((heights * weights[crosses]).sum(axis=1) / total[crosses])
-
-
-def _cross_product(a: Numbers, b: Numbers) -> Numbers:
-    """(k,) cross products of vectors in a plane."""
-    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
 
 
 def _enclosed_share(parts: Sequence[Part | Ball], point: Numbers) -> float:

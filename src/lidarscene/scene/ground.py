@@ -14,6 +14,7 @@ import numpy as np
 
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
+from ..maths.vectors import cross_in_plane
 from ..physics.road.roughness import RoughSurface
 from .ground_area import EDGE_M, Area, Outline
 from .meshes.primitives import grid_faces
@@ -248,10 +249,10 @@ class Sheet:
         a, b, c, d = (self.vertices_m[i + di, j + dj] for di, dj in ((0, 0), (1, 0), (1, 1), (0, 1)))
         # The faces of a cell are a b c, to the right of its diagonal, and a c d.
         to_place, diagonal = local_m - a[:, :2], c - a
-        other = np.where((diagonal[:, 0] * to_place[:, 1] <= diagonal[:, 1] * to_place[:, 0])[:, None], b, d) - a
-        area = diagonal[:, 0] * other[:, 1] - diagonal[:, 1] * other[:, 0]
-        to_c = (to_place[:, 0] * other[:, 1] - to_place[:, 1] * other[:, 0]) / area
-        to_other = (diagonal[:, 0] * to_place[:, 1] - diagonal[:, 1] * to_place[:, 0]) / area
+        other = np.where((cross_in_plane(diagonal, to_place) <= 0.0)[:, None], b, d) - a
+        area = cross_in_plane(diagonal, other)
+        to_c = cross_in_plane(to_place, other) / area
+        to_other = cross_in_plane(diagonal, to_place) / area
         return on_sheet, self.pose.position_m[2] + a[:, 2] + to_c * diagonal[:, 2] + to_other * other[:, 2]
 
     def smooth_height_m(self, place_m: Numbers) -> tuple[Numbers, Numbers]:

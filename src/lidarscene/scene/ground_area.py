@@ -8,6 +8,7 @@ import numpy as np
 
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
+from ..maths.vectors import cross_in_plane
 from ..physics.road.roughness import RoughSurface
 
 EDGE_M = 1e-6
@@ -138,7 +139,7 @@ class FaceGrid:
         row, number = _listed(self._begin[square + 1] - self._begin[square])
         face, place = self._face[self._begin[square][row] + number], near[row]
         a, b, c = self.corner_m[face].transpose(1, 0, 2) - place_m[place]
-        twice_m2 = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=1)
+        twice_m2 = np.stack([cross_in_plane(b, c), cross_in_plane(c, a), cross_in_plane(a, b)], axis=1)
         longest_m = np.sqrt(np.max([((one - other) ** 2).sum(axis=1) for one, other in ((a, b), (b, c), (c, a))], 0))
         # The last of those that share an edge.
         inside = np.flatnonzero((twice_m2.min(axis=1) >= -EDGE_M * longest_m) & (twice_m2.sum(axis=1) > 0.0))
@@ -146,11 +147,6 @@ class FaceGrid:
         triangle[place[inside]] = face[inside]
         weight[place[inside]] = twice_m2[inside] / twice_m2[inside].sum(axis=1, keepdims=True)
         return triangle, weight
-
-
-def _cross(a: Numbers, b: Numbers) -> Numbers:
-    """(n,) cross products of (n, 2) vectors in the plane."""
-    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
 
 
 def _listed(count: Numbers) -> tuple[Numbers, Numbers]:

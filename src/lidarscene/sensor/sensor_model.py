@@ -712,7 +712,7 @@ class Sensor(HintedAttributes):
         """Shares of the detector's peaks and noise that pass the amplifier's response."""
         peak, filtering = self.peak_share, self.receiver.low_pass
         if filtering is None:
-            return Filtered(peak=peak)
+            return Filtered(peak=peak, keeps_edge=True)
         fwhm_s, cutoff_hz = self.laser.pulse_fwhm_s, self.cutoff_hz
         return self.detector.filtered(filtering, peak=peak, fwhm_s=fwhm_s, cutoff_hz=cutoff_hz)
 

@@ -149,7 +149,11 @@ def test_many_rays_on_one_pulse(case, mi):
         outputs[name], slopes[name] = differentiate(
             numbers, lambda attached, name=name: getattr(detect_rays(attached), name), mi
         )
-        np.testing.assert_allclose(outputs[name], getattr(host, name), rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(outputs["snr"], host.snr, rtol=1e-4)
+    # P_d moves by no more than the normal density, 0.4, of what the SNR is off.
+    np.testing.assert_allclose(
+        outputs["detection_probability"], host.detection_probability, rtol=0.0, atol=0.4e-4 * host.snr.max()
+    )
     assert np.sum((outputs["detection_probability"] > 0.05) & (outputs["detection_probability"] < 0.95)) > 5
     for parameter, step in (("reflectivity", 1e-4), ("sun", 1e-3), ("range_m", 1e-4)):
         for ray in range(RAYS):

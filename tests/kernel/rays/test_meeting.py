@@ -106,7 +106,7 @@ def test_frame_is_the_same():
     second = Simulator(first.scene, sensor, world=dataclasses.replace(first.world, face_normal=None))
     ours, mitsubas = first.render(seed=3), second.render(seed=3)
     assert len(ours) > 2000
-    assert ours.interactions.max() == 1
+    assert ours.interactions.any()
     assert {"moving 0", "moving 1"} <= {ours.body_names[i] for i in np.unique(ours.body)}
     np.testing.assert_array_equal(ours.body, mitsubas.body)
     np.testing.assert_array_equal(ours.in_shadow, mitsubas.in_shadow)

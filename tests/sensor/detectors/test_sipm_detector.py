@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers import trains
 
 from lidarscene import load_sensor
 from lidarscene.kernel.device import transfer
@@ -18,3 +19,15 @@ def test_few_busy_ones_of_many_cells_keep_their_digits(cells, mi):
         for sensor, dark in ((equipped, np.zeros(2)), (transfer.opaque(equipped), mi.Float([0.0, 0.0])))
     ]
     np.testing.assert_allclose(rates[1].numpy(), rates[0], rtol=1e-5)
+
+
+def test_a_count_behind_a_slow_high_pass_passes_the_threshold_as_without_one():
+    """Pulse by pulse: P_d, and the place at which the count passes it. The high pass takes 7e-5 of a peak."""
+    in_time = ("detector.statistics='time_domain'", "tdc.threshold_to_noise=4")
+    plain, coupled = (trains.sensor("table1-sipm", *in_time, *high) for high in ((), ("receiver.ac_coupling_khz=1",)))
+    power_w = trains.power_at_snr(plain, 5.0)
+    light = trains.train(np.full((500, 1), 100.0), np.full((500, 1), power_w))
+    by_plain, by_coupled = (trains.detect(light, equipped) for equipped in (plain, coupled))
+    assert by_plain.stops[0].reported.mean() > 0.5
+    np.testing.assert_allclose(by_coupled.detection_probability, by_plain.detection_probability, rtol=1e-3)
+    np.testing.assert_allclose(np.median(by_coupled.stops[0].range_m), np.median(by_plain.stops[0].range_m), atol=1e-3)

@@ -248,6 +248,12 @@ def _cosine_sampled() -> Any:
     mi = mitsuba()
 
     class CosineSampled(mi.BSDF):  # type: ignore[misc,name-defined]
+        def __init__(self, props: Any, further: Any = 0) -> None:
+            mi.BSDF.__init__(self, props)
+            sides = mi.BSDFFlags.FrontSide | mi.BSDFFlags.BackSide
+            self.m_flags = mi.BSDFFlags.DiffuseReflection | sides | further
+            self.m_components = [self.m_flags]
+
         def sample(self, ctx: object, si: Interaction, sample1: Lanes, sample2: object, active: Mask = True) -> Any:
             wo = mi.warp.square_to_cosine_hemisphere(sample2)
             wo.z = dr.mulsign(wo.z, si.wi.z)
@@ -278,12 +284,6 @@ def retro_peak_per_sr(*, coefficient_cd_per_lx_m2: float, half_angle_deg: float)
 @functools.cache
 def register_retroreflector() -> None:
     """Register the plug-in with Mitsuba, once: plug-ins from Python exist only in the variant that is active."""
-    mi = mitsuba()
-    mi.register_bsdf(RETRO_PLUGIN, _retroreflector_class())
-
-
-def _retroreflector_class() -> Any:
-    """Return the class, which is made at the first call: its base class exists only once a variant is set."""
     import drjit as dr
 
     mi = mitsuba()
@@ -297,7 +297,7 @@ def _retroreflector_class() -> Any:
         """
 
         def __init__(self, props: Mapping[str, float]) -> None:
-            mi.BSDF.__init__(self, props)
+            super().__init__(props, mi.BSDFFlags.GlossyReflection)
             self.reflectivity = mi.Float(props.get("reflectivity", 0.0))
             half_angle_deg = props.get("half_angle_deg", 0.4)
             self.peak = mi.Float(
@@ -308,9 +308,6 @@ def _retroreflector_class() -> Any:
             self.half_angle = mi.Float(math.radians(half_angle_deg))
             # Opaque: literals would be part of the kernel, and each retro-reflector would have code of its own.
             dr.make_opaque(self.reflectivity, self.peak, self.half_angle)
-            flags = mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.GlossyReflection
-            self.m_components = [flags | mi.BSDFFlags.FrontSide | mi.BSDFFlags.BackSide]
-            self.m_flags = self.m_components[0]
 
         def eval(self, ctx: object, si: Interaction, wo: DeviceVector, active: Mask = True) -> Any:
             cos_i, cos_o = dr.abs(si.wi.z), dr.abs(wo.z)
@@ -338,18 +335,12 @@ def _retroreflector_class() -> Any:
         def to_string(self) -> str:
             return f"Retroreflector[reflectivity={self.reflectivity}, peak={self.peak}]"
 
-    return Retroreflector
+    mi.register_bsdf(RETRO_PLUGIN, Retroreflector)
 
 
 @functools.cache
 def register_rough_diffuse() -> None:
     """Register the plug-in with Mitsuba, once: plug-ins from Python exist only in the variant that is active."""
-    mi = mitsuba()
-    mi.register_bsdf(ROUGH_PLUGIN, _rough_diffuse_class())
-
-
-def _rough_diffuse_class() -> Any:
-    """Return the class, which is made at the first call: its base class exists only once a variant is set."""
     import drjit as dr
 
     mi = mitsuba()
@@ -358,14 +349,11 @@ def _rough_diffuse_class() -> Any:
         """Equation (T7a), two-sided. ``reflectance`` is a texture, ``slope_deg`` the deviation of the facets' slope."""
 
         def __init__(self, props: Any) -> None:
-            mi.BSDF.__init__(self, props)
+            super().__init__(props)
             self.reflectance = props.get_texture("reflectance", 0.5)
             self.relief = mi.Float(reflection.relief(math.radians(props.get("slope_deg", 30.0))))
             # Opaque: a literal would be part of the kernel, and each roughness would have code of its own.
             dr.make_opaque(self.relief)
-            flags = mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.FrontSide | mi.BSDFFlags.BackSide
-            self.m_components = [flags]
-            self.m_flags = flags
 
         def eval(self, ctx: object, si: Interaction, wo: DeviceVector, active: Mask = True) -> Any:
             cos_i, cos_o = dr.abs(si.wi.z), dr.abs(wo.z)
@@ -391,7 +379,7 @@ def _rough_diffuse_class() -> Any:
         def to_string(self) -> str:
             return f"RoughDiffuse[reflectance={self.reflectance}, relief={self.relief}]"
 
-    return RoughDiffuse
+    mi.register_bsdf(ROUGH_PLUGIN, RoughDiffuse)
 
 
 # --- reflectivity that varies over a surface ----------------------------------------------------------

@@ -16,6 +16,7 @@ import numpy as np
 
 from ...files.encodings.ply import NUMPY_TYPES
 from ...maths.arrays import Numbers
+from ...maths.vectors import cross_in_plane
 
 STRAIGHT = 1e-9
 """Accuracy bought: sine of the angle by which a corner may turn inwards and still count as straight: rounding."""
@@ -83,15 +84,9 @@ def _ears(points: Numbers) -> Numbers:
 
     ears = np.asarray(triangulate_float64(points, np.array([len(points)], np.uint32)), dtype=np.int64).reshape(-1, 3)
     # Its triangles turn clockwise or counter-clockwise with the release.
-    turned = _cross(points[ears[:, 1]] - points[ears[:, 0]], points[ears[:, 2]] - points[ears[:, 0]]) < 0.0
+    turned = cross_in_plane(points[ears[:, 1]] - points[ears[:, 0]], points[ears[:, 2]] - points[ears[:, 0]]) < 0.0
     ears[turned] = ears[turned, ::-1]
     return ears
-
-
-def _cross(a: Numbers, b: Numbers) -> Numbers:
-    """Cross product of vectors in a plane."""
-    product: Numbers = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return product
 
 
 _OBJ_ODDITIES = {

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ...maths.arrays import Numbers
+from ...maths.vectors import cross_in_plane
 from ..ground_area import Outline
 from .layout import KERB_M
 from .polylines import along, beside, runs, way_length_m, ways_m
@@ -89,7 +90,7 @@ def kerbed_corner_m(corner_m: Numbers, road: Outline) -> tuple[Numbers, list[Num
     inner: list[list[Numbers]] = []
     for number, place_m in enumerate(corner_m):
         before, after = (KERB_M * has_kerb[each] * inwards[each] for each in (number - 1, number))
-        turn = float(ahead[number - 1, 0] * ahead[number, 1] - ahead[number - 1, 1] * ahead[number, 0])
+        turn = float(cross_in_plane(ahead[number - 1], ahead[number]))
         if abs(turn) > PARALLEL:
             # The place on the one edge's line, moved aside, that is as far from the other edge as that is moved.
             beyond_m = (before - after) @ inwards[number] / turn

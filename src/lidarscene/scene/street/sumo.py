@@ -30,6 +30,7 @@ from ...errors import InputError, OptionWarning, warn
 from ...files.inputs import require_file
 from ...files.optional import import_optional
 from ...maths.arrays import Numbers
+from ...maths.vectors import cross_in_plane
 
 MEMORY_GIB = 4.0
 """Choice: memory that SUMO's programs may take: a long road of tiny pieces would take all there is."""
@@ -414,7 +415,7 @@ def _unfolded(corners_m: Numbers) -> Numbers:
     heading = np.arctan2(step[:, 1], step[:, 0])
     turn = np.abs(np.mod(heading - np.roll(heading, 1) + np.pi, 2.0 * np.pi) - np.pi)
     area_m2 = 0.5 * abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
-    lost_m2 = 0.5 * np.abs(before[:, 0] * step[:, 1] - before[:, 1] * step[:, 0])
+    lost_m2 = 0.5 * np.abs(cross_in_plane(before, step))
     kept = (turn < math.radians(SHARPEST_CORNER_DEG)) | (lost_m2 > FOLDED_SHARE * area_m2)
     return np.asarray(corners_m[kept] if kept.sum() > 2 else corners_m)
 

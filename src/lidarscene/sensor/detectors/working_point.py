@@ -41,12 +41,14 @@ class Filtered:
         noise: share of the variance without echo
         echo_noise: share of the variance that the echo adds at its peak, before its peak is lowered
         cell: share of the height of a single cell
+        keeps_edge: whether a count rises as it does without the amplifier: behind a high pass
     """
 
     peak: Lanes
     noise: Lanes = 1.0
     echo_noise: Lanes = 1.0
     cell: Lanes = 1.0
+    keeps_edge: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -272,7 +274,7 @@ class WorkingPoint:
             noise=self.noise.filtered(by, of_cells=self._of_cells),
             response=self.response.filtered(by),
             counts=None,
-            edge=None,
+            edge=self.edge if by.keeps_edge else None,
             least_threshold=self.least_threshold * by.cell,
         )
 
