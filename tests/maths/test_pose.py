@@ -27,3 +27,15 @@ def test_there_and_back() -> None:
     np.testing.assert_allclose((outer @ inner).apply(points), outer.apply(inner.apply(points)), atol=1e-12)
     np.testing.assert_allclose(outer.inverse_apply(outer.apply(points)), points, atol=1e-12)
     np.testing.assert_allclose((outer @ outer.inverse()).apply(points), points, atol=1e-12)
+
+
+@pytest.mark.parametrize("shape", [(3,), (1, 3), (4, 3), (4, 5, 3)])
+def test_points_turn_and_move_whatever_their_shape(shape: tuple[int, ...]) -> None:
+    """R p + t for each of them, in double precision; the points themselves stay."""
+    pose = Pose.from_degrees(position_m=(1.0, -2.0, 3.0), yaw_deg=40.0, pitch_deg=-20.0, roll_deg=10.0)
+    points = np.random.default_rng(1).normal(size=shape).astype(np.float32)
+    before = points.copy()
+    moved = np.einsum("ij,...j->...i", pose.rotation, points.astype(np.float64)) + pose.position_m
+    np.testing.assert_allclose(pose.apply(points), moved, rtol=0.0, atol=1e-15)
+    np.testing.assert_allclose(pose.inverse_apply(moved), points, rtol=0.0, atol=1e-14)
+    np.testing.assert_array_equal(points, before)

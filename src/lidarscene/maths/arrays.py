@@ -514,16 +514,20 @@ _ALIGNMENT = 64
 """Bytes; no load that LLVM emits (AVX-512) wants a larger alignment."""
 
 
-def aligned_copy(dtype: type[np.generic], *parts: Numbers) -> Numbers:
-    """Copy arrays of one axis, one behind the other, into memory that starts at a multiple of `_ALIGNMENT`."""
+def aligned_room(dtype: type[np.generic], size: int) -> Numbers:
+    """Memory for (size,) numbers, of any value, that starts at a multiple of `_ALIGNMENT`."""
     # On the CPU Dr.Jit maps NumPy's memory without a copy and writes its alignment into the kernel. NumPy aligns to 16
     # bytes and more by chance: of twelve frames of changing size eight compiled a kernel for that reason alone. Four
     # neighbours of a table are one load only where it is aligned.
-    size = np.dtype(dtype).itemsize * sum(map(len, parts))
-    room = np.empty(size + _ALIGNMENT, dtype=np.uint8)  # to clear it would take as long as to fill it
+    length = np.dtype(dtype).itemsize * size
+    room = np.empty(length + _ALIGNMENT, dtype=np.uint8)  # to clear it would take as long as to fill it
     start = -room.ctypes.data % _ALIGNMENT
-    aligned = room[start : start + size].view(dtype)
-    return np.concatenate(parts, out=aligned, casting="unsafe")
+    return room[start : start + length].view(dtype)
+
+
+def aligned_copy(dtype: type[np.generic], *parts: Numbers) -> Numbers:
+    """Copy arrays of one axis, one behind the other, into an `aligned_room`."""
+    return np.concatenate(parts, out=aligned_room(dtype, sum(map(len, parts))), casting="unsafe")
 
 
 def is_drjit(x: object) -> bool:

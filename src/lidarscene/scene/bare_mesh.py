@@ -19,6 +19,7 @@ from ..errors import OptionError, OptionWarning, warn
 from ..files.overrides import with_overrides
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
+from ..maths.vectors import box_around
 from .meshes import reading, usd
 from .meshes.mesh_axes import UNITS, Axis, Unit, axis_of, turn_upright
 from .scene import Part, Scene
@@ -102,7 +103,7 @@ def _tables(path: Path, corners: Numbers, plain: dict[str, str], placement: _Pla
     """Build the tables: ground at z = 0, the mesh on it at the origin, a sensor that looks along x at its middle."""
     up = placement.up or axis_of(path) or "z"
     turned = Pose.from_degrees(roll_deg=placement.roll_deg).apply(turn_upright(corners, up)) * placement.metres
-    low, high = turned.min(axis=0), turned.max(axis=0)
+    low, high = box_around(turned)
     middle, size = (low + high) / 2.0, high - low
     # Distance of the near side at which it fills these angles. An angle of 180 degrees along x, the viewing direction,
     # makes the depth of the mesh irrelevant.

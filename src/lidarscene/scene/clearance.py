@@ -17,7 +17,7 @@ import numpy as np
 from ..errors import OptionError
 from ..maths.arrays import Numbers
 from ..maths.trajectory import Motion, pose_at, poses_at
-from ..maths.vectors import cross_in_plane
+from ..maths.vectors import box_around, cross_in_plane
 from .scene import Ball, Body, Part, Scene, box_of
 
 NARROWEST_ROOM_M = 1.0
@@ -226,7 +226,7 @@ class Clearance:
         """
         if id(part) not in self.blocks:
             boxes = [
-                _box_of(part.vertices_m, part.faces[first : first + _BLOCK])
+                box_around(part.vertices_m[part.faces[first : first + _BLOCK].ravel()])
                 for first in range(0, len(part.faces), _BLOCK)
             ]
             self.blocks[id(part)] = part, np.array(boxes).reshape(-1, 2, 3)
@@ -235,12 +235,6 @@ class Clearance:
 
 _BLOCK = 512
 """Triangles that share a box."""
-
-
-def _box_of(vertices_m: Numbers, faces: Numbers) -> tuple[Numbers, Numbers]:
-    """Lowest and highest corner of some triangles."""
-    corners = vertices_m[faces.ravel()]
-    return corners.min(axis=0), corners.max(axis=0)
 
 
 def _faces_of_blocks(faces: Numbers, flags: Numbers) -> Numbers:

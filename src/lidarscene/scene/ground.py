@@ -14,7 +14,7 @@ import numpy as np
 
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
-from ..maths.vectors import cross_in_plane
+from ..maths.vectors import box_around, cross_in_plane
 from ..physics.road.roughness import RoughSurface
 from .ground_area import EDGE_M, Area, Outline
 from .meshes.primitives import grid_faces
@@ -158,7 +158,8 @@ class Strip:
         """Which of (n, 2) places lie on it; of all, the place along it, counted in rows, and across it [m]."""
         low_m, high_m = self._around_m
         on_strip, row, across_m = np.zeros(len(place_m), dtype=bool), np.zeros(len(place_m)), np.zeros(len(place_m))
-        near = (low_m <= place_m.max(axis=0)).all(axis=1) & (high_m >= place_m.min(axis=0)).all(axis=1)
+        lowest_m, highest_m = box_around(place_m)
+        near = (low_m <= highest_m).all(axis=1) & (high_m >= lowest_m).all(axis=1)
         segments, (x_m, y_m) = np.flatnonzero(near), place_m.T[:, :, None]
         # Few places are near more than two segments.
         (low_x, low_y), (high_x, high_y) = low_m[segments].T, high_m[segments].T
@@ -277,7 +278,8 @@ class Ground:
         bounds = np.zeros((len(self.sheets), 2, 2))
         for row, sheet in enumerate(self.sheets):
             place_m = sheet.pose.apply(sheet.vertices_m.reshape(-1, 3))[:, :2]
-            bounds[row] = place_m.min(axis=0) - EDGE_M, place_m.max(axis=0) + EDGE_M
+            low_m, high_m = box_around(place_m)
+            bounds[row] = low_m - EDGE_M, high_m + EDGE_M
         object.__setattr__(self, "_bounds_m", bounds)
 
     def _sheets_near(self, place_m: Numbers) -> Iterator[tuple[Sheet | Area, Numbers]]:

@@ -30,6 +30,7 @@ from ..maths.motion_table import Strides
 from ..maths.pose import Pose, direction_from_angles
 from ..maths.trajectory import ALWAYS, CLOCK_ROUNDING_S, Course, Motion, Riding, States, motion_in_frame, pose_at
 from ..maths.units import FileKey, Quantity
+from ..maths.vectors import box_around
 from ..physics.optics import air
 from ..sensor.pose_file import Placed, pose_keys, to_pose
 from .meshes.mesh_objects import pieces_of_object
@@ -87,8 +88,7 @@ class Part(HintedAttributes):
     def extent_m(self) -> Numbers:
         """(2, 3) lowest and highest corner, in the body's frame; computed once. Only for a part with vertices."""
         if self._extent_m is None:
-            extent_m = np.stack([self.vertices_m.min(axis=0), self.vertices_m.max(axis=0)])
-            object.__setattr__(self, "_extent_m", frozen(extent_m, np.float64, (2, 3)))
+            object.__setattr__(self, "_extent_m", frozen(box_around(self.vertices_m), np.float64, (2, 3)))
         assert self._extent_m is not None
         return self._extent_m
 
@@ -110,8 +110,7 @@ class Part(HintedAttributes):
             return self.extent_m
         lowest_m, highest_m = self.stride_m.min(axis=0), self.stride_m.max(axis=0)
         widest_m = [self.vertices_m + LARGEST_LEVEL * (most - self.vertices_m) for most in (lowest_m, highest_m)]
-        corners = np.stack([self.vertices_m, *widest_m])
-        return np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))])
+        return box_around(np.concatenate([self.vertices_m, *widest_m]))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

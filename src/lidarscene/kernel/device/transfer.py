@@ -17,7 +17,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from ...maths.arrays import Array, LookupTable, Numbers, aligned_copy, is_drjit
+from ...maths.arrays import Array, LookupTable, Numbers, aligned_copy, aligned_room, is_drjit
 from ...maths.units import is_static
 from .backend import is_cuda, mitsuba
 from .types import DeviceArray
@@ -95,6 +95,19 @@ def repeat_lanes(values: Array, times: int) -> tuple[Any, Any]:
 def from_numpy(*parts: Numbers) -> Any:
     """Upload (n,) numbers, one part behind the other, in single precision."""
     return mitsuba().Float(aligned_copy(np.float32, *parts))
+
+
+def fours(*rows: Numbers) -> Any:
+    """Upload (n, 3) rows, one part behind the other, as (4 n,) numbers of their type: four neighbours are one load.
+
+    The last of each four is 0.
+    """
+    kind = rows[0].dtype.type
+    room = aligned_room(kind, 4 * sum(map(len, rows)))
+    np.concatenate(rows, out=room.reshape(-1, 4)[:, :3])
+    room[3::4] = 0
+    mi = mitsuba()
+    return (mi.Float if kind is np.float32 else mi.UInt32)(room)
 
 
 def unsigned_numbers(*parts: Numbers) -> Any:

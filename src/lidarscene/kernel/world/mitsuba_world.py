@@ -307,15 +307,14 @@ def _loaded_shapes(
         bsdfs: by material, those of worlds so far: a coat's takes 10 ms to make
     """
     mi = mitsuba()
-    grouped: dict[Hashable, list[tuple[int, Numbers, Part]]] = {}
+    grouped: dict[Hashable, list[tuple[int, Pose, Part]]] = {}
     shapes: list[PlacedShape] = []
     for index, body in bodies.items():
         for part in body.parts:
             if isinstance(part, Part):
                 if not len(part.faces):
                     continue
-                placed = body.pose.apply(part.vertices_m) - centre
-                grouped.setdefault(_mesh_key(part), []).append((index, placed, part))
+                grouped.setdefault(_mesh_key(part), []).append((index, body.pose, part))
             else:
                 shapes.append(_ball_shape(mi, part, body.pose.position_m - centre, index, resolved))
     for pieces in grouped.values():
@@ -327,7 +326,7 @@ def _loaded_shapes(
             bsdf = make_bsdf(values, None if pattern is None else texture(pattern, values), cutout)
         elif (bsdf := bsdfs.get(material)) is None:
             bsdf = bsdfs[material] = make_bsdf(values)
-        shapes.append(_merged_mesh(mi, material, pieces, values, bsdf, is_cut=cutout is not None))
+        shapes.append(_merged_mesh(mi, centre, pieces, values, bsdf, is_cut=cutout is not None))
     return shapes
 
 
@@ -423,18 +422,25 @@ def _turns(bodies: Sequence[Body], indices: Sequence[int]) -> list[list[int]]:
 
 def _merged_mesh(
     mi: ModuleType,
-    material: str,
-    pieces: Sequence[tuple[int, Numbers, Part]],
+    centre: Numbers,
+    pieces: Sequence[tuple[int, Pose, Part]],
     values: dict[str, object],
     bsdf: object,
     *,
     is_cut: bool,
 ) -> PlacedShape:
-    # The vertices of all pieces one after the other; each piece's faces count from its own first vertex.
-    starts = np.cumsum([0, *(len(vertices) for _, vertices, _ in pieces[:-1])], dtype=np.uint32)
-    vertices = np.concatenate([piece for _, piece, _ in pieces], dtype=np.float32)
-    faces = np.concatenate([part.faces + start for (_, _, part), start in zip(pieces, starts, strict=True)])
-    bodies = np.repeat(np.array([index for index, _, _ in pieces], np.int32), [len(part.faces) for *_, part in pieces])
+    # The vertices of all pieces one after the other; each piece's faces count from its own first vertex. They are
+    # placed one by one: all of them in double precision would be new pages, which take longer than to compute them.
+    material, counts = pieces[0][2].material, [len(part.faces) for *_, part in pieces]
+    vertices = np.empty((sum(len(part.vertices_m) for *_, part in pieces), 3), np.float32)
+    faces = np.empty((sum(counts), 3), np.uint32)
+    vertex, face = 0, 0
+    for _, pose, part in pieces:
+        end, last = vertex + len(part.vertices_m), face + len(part.faces)
+        vertices[vertex:end] = pose.apply(part.vertices_m) - centre
+        np.add(part.faces, np.uint32(vertex), out=faces[face:last])
+        vertex, face = end, last
+    bodies = np.repeat(np.array([index for index, _, _ in pieces], np.int32), counts)
     props = mi.Properties()
     # The order of faces is kept by Mitsuba and by Embree: a hit's `prim_index` is the row in `faces`, and in `bodies`.
     first = pieces[0][2].pattern

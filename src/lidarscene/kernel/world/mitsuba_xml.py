@@ -21,6 +21,7 @@ from ...errors import InputError
 from ...files.inputs import LARGEST_TEXT, require_file
 from ...materials.material_file import catalogue_material
 from ...maths.arrays import Numbers
+from ...maths.vectors import box_around
 from ..device.backend import mitsuba, mitsuba_plugins, without_outside_files
 from ..device.gate import exclusive
 from ..device.types import Bsdf
@@ -88,7 +89,7 @@ def file_content(path: Path) -> FileContent:
         shapes=len(shapes),
         triangles=sum(shape.faces for shape in shapes if shape.shape.is_mesh()),
         materials=tuple(dict.fromkeys(shape.material for shape in shapes)),
-        box_m=np.stack([corners.min(axis=0), corners.max(axis=0)]),
+        box_m=box_around(corners),
         left_out={f"{kind}s": elements[kind] for kind in ("emitter", "sensor", "medium") if elements[kind]},
     )
 

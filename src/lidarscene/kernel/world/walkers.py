@@ -23,11 +23,12 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from ...maths.arrays import Numbers
+from ...maths.arrays import Numbers, aligned_copy
 from ...maths.box_tree import CHILDREN, BoxTree
 from ...scene.scene import Body, Part
 from ...scene.walking import LARGEST_LEVEL
 from ..device import transfer
+from ..device.backend import mitsuba
 from ..device.blocks import usable_cores
 from .faces import PlacedShape, registry_number
 
@@ -105,7 +106,7 @@ class Walkers:
         with ThreadPoolExecutor(usable_cores()) as pool:
             tables = list(pool.map(_kind_of, kinds, levels_of))
         for (parts, movers), table in zip(kinds.items(), tables, strict=True):
-            instants, vertices, size = table.instants, len(table.standing) // 4, table.tree.size
+            instants, vertices, size = len(table.stride) - 1, len(table.standing), table.tree.size
             levels = len(table.tree.nodes) // (8 * size * PHASES)
             kind[movers] = row, vertices, vertex, instants, node, size, triangle // TRIANGLES, levels
             counts = [len(part.faces) for part in parts]
@@ -120,20 +121,21 @@ class Walkers:
                 f"walkers: their meshes must have fewer than {triangle * MOST_NODES // node} triangles together, got "
                 f"{triangle}"
             )
-        nodes = [table.tree.nodes.copy() for table in tables]
-        for each, first in zip(nodes, kind[[movers[0] for movers in kinds.values()], 4].tolist(), strict=True):
+        nodes = aligned_copy(np.float32, *(table.tree.nodes for table in tables))
+        firsts = kind[[movers[0] for movers in kinds.values()], 4].tolist()
+        for each, first in zip(np.split(nodes, 8 * np.array(firsts[1:], int)), firsts, strict=True):
             # Each tree counts from its own first node; 0 is the end of a walk.
             onward = each[3::8]
             onward[onward > 0.0] += first
         return cls(
             kind=transfer.unsigned_numbers(kind.ravel()),
-            standing=transfer.from_numpy(*(table.standing for table in tables)),
-            stride=transfer.from_numpy(*(table.stride for table in tables)),
-            corners=transfer.unsigned_numbers(*(table.corners for table in tables)),
+            standing=transfer.fours(*(table.standing for table in tables)),
+            stride=transfer.fours(*(table.stride.reshape(-1, 3) for table in tables)),
+            corners=transfer.fours(*(table.corners for table in tables)),
             surface=transfer.unsigned_numbers(np.concatenate(surfaces).ravel()),
             triangle_of_face=transfer.unsigned_numbers(triangle_of_face),
             shapes=tuple(shape.shape for shape in shapes),
-            nodes=transfer.from_numpy(*nodes),
+            nodes=mitsuba().Float(nodes),
         )
 
     def tree(self, root: Any) -> BoxTree:
@@ -146,10 +148,9 @@ class _Kind:
     """Tables of walkers of the same parts.
 
     Attributes:
-        standing: (4 v,), as in `Walkers`
-        stride: (4 (k + 1) v,), likewise
-        corners: (4 t,), likewise, leaf after leaf, the last one filled
-        instants: k
+        standing: (v, 3) float32, its vertices as they stand
+        stride: (k + 1, v, 3) float32, those of each instant
+        corners: (t, 3) uint32, leaf after leaf, the last one filled
         order: (t,) number of each triangle among the faces of the parts
         tree: a tree for each part of the stride and of the levels, phase after phase
     """
@@ -157,7 +158,6 @@ class _Kind:
     standing: Numbers
     stride: Numbers
     corners: Numbers
-    instants: int
     order: Numbers
     tree: BoxTree
 
@@ -178,14 +178,7 @@ def _kind_of(parts: tuple[Part, ...], levels: tuple[float, ...]) -> _Kind:
     order = np.concatenate([order, np.repeat(order[-1:], -len(order) % TRIANGLES)])
     corners = faces[order]
     tree = BoxTree.from_sets(_leaf_boxes(standing, stride, corners, levels), np.arange(len(corners) // TRIANGLES))
-    return _Kind(
-        standing=_fours(standing),
-        stride=_fours(stride.reshape(-1, 3)),
-        corners=_fours(corners),
-        instants=len(stride) - 1,
-        order=order,
-        tree=tree,
-    )
+    return _Kind(standing=standing, stride=stride, corners=corners, order=order, tree=tree)
 
 
 def _neighbours_together(middle_m: Numbers) -> Numbers:
@@ -236,8 +229,3 @@ def _leaf_boxes(standing: Numbers, stride: Numbers, corners: Numbers, levels: Se
             for corner in others:
                 around(box, np.take(extremes, corner, axis=2, mode="clip"), out=box)
     return boxes.reshape(-1, *boxes.shape[2:])
-
-
-def _fours(rows: Numbers) -> Numbers:
-    """Return (n, 3) rows as (4 n,) numbers, the last of each four unused: four neighbours are one load."""
-    return np.concatenate([rows, rows[:, :1]], axis=1).ravel()
