@@ -33,7 +33,7 @@ def _signals_heard_later() -> Iterator[None]:
     try:
         yield
     finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-    for number in held[:1]:
-        signal.raise_signal(number)
+        for held_back, handler in handlers.items():
+            signal.signal(held_back, handler)
+    if held:
+        signal.raise_signal(held[0])
