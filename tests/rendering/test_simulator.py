@@ -1,6 +1,7 @@
 """A frame handed out chunk by chunk: the points of the whole, in memory that does not grow with it."""
 
 import json
+import pickle
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
@@ -23,6 +24,7 @@ from lidarscene.kernel.device import blocks
 from lidarscene.kernel.device.backend import drjit
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course
+from lidarscene.rendering.live_simulator import LiveSimulator
 from lidarscene.rendering.render_options import FrameOptions, Keywords, TraceOptions
 from lidarscene.rendering.simulator import Simulator, Summary, _intensity_unit
 from lidarscene.rendering.tiles import Numbering
@@ -227,6 +229,13 @@ def test_a_mistake_is_of_its_own_frame() -> None:
     assert together == [1, 5]
     with told("motion of body 'flying' | 0.95 | 1.04999 s"):
         sim.render(orders[-1])
+
+
+@pytest.mark.parametrize("kind", [Simulator, LiveSimulator])
+def test_a_simulator_goes_to_no_other_process(kind: type[Simulator]) -> None:
+    """Rationale: "cannot pickle 'Scene' object", which meant Mitsuba's."""
+    with told(f"{kind.__name__} | pickled | scene and sensor"):
+        pickle.dumps(kind("edges", "table1-apd"))
 
 
 def test_light_is_that_of_the_render(simulator: MakeSimulator) -> None:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Annotated, Any, ClassVar, Literal, Unpack, cast, overload
+from typing import Annotated, Any, ClassVar, Literal, NoReturn, Unpack, cast, overload
 
 import numpy as np
 
@@ -201,6 +201,12 @@ class Simulator(HintedAttributes):
 
     def __repr__(self) -> str:
         return f"Simulator({self.sensor!r} in {self.scene!r})"
+
+    def __reduce__(self) -> NoReturn:
+        raise InputError(
+            f"{type(self).__name__}: cannot be pickled or copied, its kernels are of this process; send scene and "
+            "sensor, of which each process makes its own"
+        )
 
     def _seed(self, options: FrameOptions) -> int:
         """Seed of the sensor's own noise; alone with this one its cloud is that of the rig."""

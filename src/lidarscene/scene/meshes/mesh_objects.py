@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
+from ...files.trimesh import trimesh
 from ...maths.arrays import Numbers
 from .mesh_axes import axis_of, turn_upright
 from .mesh_cache import SubMesh
@@ -52,9 +53,7 @@ def named_pieces(mesh: Any, where: str, others: str = "a mesh file") -> list[tup
     if hasattr(mesh, "graph") and hasattr(mesh, "geometry"):  # trimesh.Scene
         return pieces_of(mesh)
     if hasattr(mesh, "faces") and hasattr(mesh, "vertices"):  # trimesh.Trimesh
-        import trimesh
-
-        return pieces_of(trimesh.Scene(mesh))
+        return pieces_of(trimesh().Scene(mesh))
     if hasattr(mesh, "shapes") and callable(mesh.shapes):  # mitsuba.Scene
         return [_mitsuba_piece(shape, where) for shape in mesh.shapes()]
     if hasattr(mesh, "vertex_positions_buffer"):  # mitsuba.Mesh

@@ -20,6 +20,7 @@ import numpy as np
 
 from ...errors import InputError, LidarSceneError
 from ...files.inputs import LARGEST_PART, require_archive, require_file
+from ...files.trimesh import trimesh
 from ...materials.material import Material
 from ...maths.arrays import Numbers
 from . import reflectivity_patterns
@@ -146,8 +147,6 @@ def _pieces(
 
 def _load_trimesh(path: Path) -> Any:
     """A trimesh Scene with the file's own vertices and faces, in its order. Prints nothing."""
-    import trimesh
-
     logging.getLogger("trimesh").addHandler(logging.NullHandler())
     with path.open("rb") as file:
         if zipfile.is_zipfile(file):
@@ -158,22 +157,21 @@ def _load_trimesh(path: Path) -> Any:
     if suffix == ".ply":
         return _load_ply(path)
     if suffix not in (".obj", ".off"):
-        return trimesh.load_scene(str(path), process=False, resolver=_resolver(path))
+        return trimesh().load_scene(str(path), process=False, resolver=_resolver(path))
     data = path.read_bytes()
     if suffix == ".off":
-        mesh = trimesh.load_mesh(io.BytesIO(off_in_triangles(data)), file_type="off", process=False)
-        return trimesh.Scene({path.name: mesh})
+        mesh = trimesh().load_mesh(io.BytesIO(off_in_triangles(data)), file_type="off", process=False)
+        return trimesh().Scene({path.name: mesh})
     data = obj_in_triangles(data if b"mtllib" in data else b"mtllib none.mtl\n" + data)
-    return trimesh.load_scene(io.BytesIO(data), file_type="obj", process=False, resolver=_resolver(path, data))
+    return trimesh().load_scene(io.BytesIO(data), file_type="obj", process=False, resolver=_resolver(path, data))
 
 
 def _load_ply(path: Path) -> Any:
     """A trimesh Scene of a PLY file, whose polygons are cut into triangles."""
-    import trimesh
 
     def load(data: bytes, **settings: bool) -> Any:
         file = io.BytesIO(data)
-        return trimesh.load(file, file_type="ply", process=False, resolver=_resolver(path), **settings)
+        return trimesh().load(file, file_type="ply", process=False, resolver=_resolver(path), **settings)
 
     data = path.read_bytes()
     try:
@@ -186,7 +184,7 @@ def _load_ply(path: Path) -> Any:
         # trimesh splits vertices where textures meet; the polygons are those of the file's own vertices.
         mesh = load(data, fix_texture=False)
     if not polygons:
-        return trimesh.Scene({path.name: mesh})
+        return trimesh().Scene({path.name: mesh})
     counts, corners = np.array([len(polygon) for polygon in polygons]), np.concatenate(polygons).astype(np.int64)
     require_vertices(corners, len(mesh.vertices), str(path))
     triangles, polygon = triangulate(np.asarray(mesh.vertices), counts, corners)
@@ -194,7 +192,7 @@ def _load_ply(path: Path) -> Any:
     mesh.faces = corners[triangles]
     if colours is not None:
         mesh.visual.face_colors = colours[polygon]
-    return trimesh.Scene({path.name: mesh})
+    return trimesh().Scene({path.name: mesh})
 
 
 def _ply_polygons(mesh: Any) -> list[Any]:

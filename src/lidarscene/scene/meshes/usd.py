@@ -24,6 +24,7 @@ from ...errors import InputError, OptionWarning, warn
 from ...files.in_child import Child
 from ...files.inputs import require_file
 from ...files.optional import import_optional
+from ...files.trimesh import trimesh
 from ...maths.arrays import Numbers
 from .mesh_axes import turn_upright
 from .mesh_cache import SubMesh
@@ -271,10 +272,8 @@ class _Reader:
         return points, corners[triangles[is_face]], face_of[is_face]
 
     def _cube(self, prim: Any) -> tuple[Numbers, Numbers, Numbers]:
-        import trimesh
-
         size = float(self._pxr.UsdGeom.Cube(prim).GetSizeAttr().Get(self._time))
-        return _solid_arrays(trimesh.creation.box((size,) * 3))
+        return _solid_arrays(trimesh().creation.box((size,) * 3))
 
     def _plane(self, prim: Any) -> tuple[Numbers, Numbers, Numbers]:
         """Rectangle normal to one of its axes, centred."""
@@ -290,24 +289,20 @@ class _Reader:
         return corners, np.array([[0, 1, 2], [0, 2, 3]]), np.zeros(2, dtype=np.int64)
 
     def _sphere(self, prim: Any) -> tuple[Numbers, Numbers, Numbers]:
-        import trimesh
-
         radius = float(self._pxr.UsdGeom.Sphere(prim).GetRadiusAttr().Get(self._time))
-        return _solid_arrays(trimesh.creation.icosphere(subdivisions=4, radius=radius))
+        return _solid_arrays(trimesh().creation.icosphere(subdivisions=4, radius=radius))
 
     def _round_solid(self, prim: Any) -> tuple[Numbers, Numbers, Numbers]:
         """Cylinder, cone or capsule along one of its axes, centred."""
-        import trimesh
-
         kind = str(prim.GetTypeName())
         shape = getattr(self._pxr.UsdGeom, kind)(prim)
         height, radius = (
             float(attribute.Get(self._time)) for attribute in (shape.GetHeightAttr(), shape.GetRadiusAttr())
         )
         if kind == "Capsule":
-            solid = trimesh.creation.capsule(height=height, radius=radius, count=[64, 64])
+            solid = trimesh().creation.capsule(height=height, radius=radius, count=[64, 64])
         else:
-            solid = getattr(trimesh.creation, kind.lower())(radius=radius, height=height, sections=64)
+            solid = getattr(trimesh().creation, kind.lower())(radius=radius, height=height, sections=64)
         # trimesh stands a cone on the origin.
         vertices = solid.vertices - solid.bounds.mean(axis=0)
         # trimesh's solids stand along z.
