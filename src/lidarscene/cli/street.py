@@ -56,6 +56,7 @@ def add_street(commands: Any) -> None:
         metavar="NAME",
         help="vehicle of --sumo that carries the sensor (default: the one with the longest drive)",
     )
+    add("--left-hand", action="store_true", help="let the traffic of --osm keep to the left, which maps do not say")
     add(
         "--length-m",
         metavar="M",
@@ -95,7 +96,8 @@ def run_street(arguments: argparse.Namespace) -> Answer:
             raise OptionError("--set {0}: did you mean {1}? Keys are those of [street]", assignment, ".".join(inner))
     file = validate(StreetFile, with_overrides(keys, arguments.overrides), "[street]", overrides=arguments.overrides)
     networks: dict[NetworkKind, Any] = {"opendrive": arguments.opendrive, "osm": arguments.osm, "sumo": arguments.sumo}
-    tables, origin = made_tables(file, networks | {"town": arguments.town}, ego=arguments.ego)
+    networks["town"] = arguments.town
+    tables, origin = made_tables(file, networks, ego=arguments.ego, left_hand=arguments.left_hand)
     path = write_street(tables, arguments.output, origin=origin)
     summary = street_summary(tables)
     return Answer(f"wrote {path}: {summary.as_text()}", numbers={"scene": str(path), **summary._asdict()})

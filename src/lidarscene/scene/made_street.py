@@ -22,6 +22,9 @@ from .tables import SceneFile
 NETWORK_KEYS = {"seed", "house_share", "setback_m", "lamp_spacing_m", "oncoming_gap_m", "shown_m"}
 """Keys of [street] that a road network takes: what stands along roads, and how many drive there."""
 
+Networks = dict[NetworkKind, str | os.PathLike[str] | int | None]
+"""Kind of a road network -> its source."""
+
 
 @checks_arguments
 def street(
@@ -32,6 +35,7 @@ def street(
     sumo: str | os.PathLike[str] | None = None,
     town: int | None = None,
     ego: str | None = None,
+    left_hand: bool = False,
     **keys: Any,
 ) -> Scene:
     """Make the scene of a street with houses, trees and traffic from a seed, or of the roads of a map.
@@ -45,6 +49,7 @@ def street(
         sumo: SUMO configuration with roads and traffic
         town: number of streets in each direction of a drawn town, 3 to 12
         ego: vehicle of ``sumo`` that carries the sensor; the one with the longest drive if None
+        left_hand: whether the traffic of ``osm`` keeps to the left, which maps do not say
         keys: other keys of ``[street]``, such as ``length_m=200, lanes=2``
 
     Raises:
@@ -52,13 +57,14 @@ def street(
     """
     given = {key: to_builtin(value) for key, value in ({"seed": seed} | keys).items()}
     file = validate(StreetFile, given, "street")
-    tables, _ = made_tables(file, {"opendrive": opendrive, "osm": osm, "sumo": sumo, "town": to_builtin(town)}, ego=ego)
+    networks: Networks = {"opendrive": opendrive, "osm": osm, "sumo": sumo, "town": to_builtin(town)}
+    tables, _ = made_tables(file, networks, ego=ego, left_hand=left_hand)
     path = Path("street.toml")
     return scene_from_model(validate(SceneFile, {"name": path.stem} | tables, path.name), path=path)
 
 
 def made_tables(
-    file: StreetFile, networks: dict[NetworkKind, str | os.PathLike[str] | int | None], *, ego: str | None
+    file: StreetFile, networks: Networks, *, ego: str | None, left_hand: bool = False
 ) -> tuple[Tables, str]:
     """Make the tables of a scene file of a street or of a road network, and a text that says what they are made of.
 
@@ -73,6 +79,8 @@ def made_tables(
         raise OptionError(f"{{{given[0][0]}}} and {{{given[1][0]}}}: must be only one of them, got both")
     if ego is not None and [kind for kind, _ in given] != ["sumo"]:
         raise OptionError("{ego} needs {sumo}")
+    if left_hand and [kind for kind, _ in given] != ["osm"]:
+        raise OptionError("{left_hand} needs {osm}")
     if not given:
         return street_tables(file), ", ".join(f"{key} = {toml_text(value)}" for key, value in file.model_dump().items())
     ((kind, source),) = given
@@ -85,4 +93,5 @@ def made_tables(
         return network_scene(source, kind, file), f"{kind} {source}, seed = {file.seed}"
     assert not isinstance(source, int)
     path = Path(source)
-    return network_scene(path, kind, file, ego=ego), f"{kind} {path.name}, seed = {file.seed}"
+    tables = network_scene(path, kind, file, ego=ego, left_hand=left_hand)
+    return tables, f"{kind} {path.name}, seed = {file.seed}"

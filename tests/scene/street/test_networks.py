@@ -415,6 +415,22 @@ def test_a_map_may_have_one_road_alone(tmp_path: Path) -> None:
     assert any(body["name"].startswith("road_") for body in tables["bodies"])
 
 
+@pytest.mark.parametrize("left_hand", [False, True])
+def test_the_vehicle_of_a_map_keeps_to_its_side(tmp_path: Path, left_hand: bool) -> None:
+    """A street to the east, along which it drives there and back: on which side of the middle of both lanes."""
+    (tmp_path / "map.osm").write_text(re.sub('  <way id="11".*', "", networks.OSM))
+    tables = network_scene(tmp_path / "map.osm", "osm", StreetFile(seed=4), left_hand=left_hand)
+    roads = [np.array(body["line"])[:, :2] for body in tables["bodies"] if body["name"].startswith("road_")]
+    place_m = np.array([pose["position_m"][:2] for pose in tables["ego"]["poses"]])
+    (west_m, *_, east_m) = sorted(np.concatenate(roads).tolist())
+    step_m = np.gradient(place_m[:, 0])
+    middle_m = np.mean([np.interp(place_m[:, 0], *line_m[np.argsort(line_m[:, 0])].T) for line_m in roads], axis=0)
+    inside = (place_m[:, 0] > west_m[0] + 20.0) & (place_m[:, 0] < east_m[0] - 20.0) & (np.abs(step_m) > 0.5)
+    left_m = (np.sign(step_m) * (place_m[:, 1] - middle_m))[inside]
+    assert len(left_m) > 10
+    assert (np.sign(left_m) == (1.0 if left_hand else -1.0)).all()
+
+
 def test_a_bridge_of_a_map_is_above_the_road_below(tmp_path: Path) -> None:
     """Rationale: at one height pavements lay across roads, and vehicles drove through each other."""
     bridge = '<nd ref="4"/><nd ref="5"/><tag k="bridge" v="yes"/><tag k="layer" v="1"/>'
@@ -605,6 +621,8 @@ def test_every_body_of_drawn_traffic_loads(homes: Tables, tmp_path: Path) -> Non
     --osm map.osm.pbf | map.osm.pbf | .osm.xml | gzip | osmium cat
     --osm map.osm.bz2 | map.osm.bz2 | .osm.xml | gzip | osmium cat
     --osm map.osm --length-m 90 | length_m | --osm
+    --left-hand --opendrive town.xodr | --left-hand | --osm
+    --left-hand | --left-hand | --osm
     --osm map.osm --sumo a | --sumo | --osm
     """
 )

@@ -104,13 +104,16 @@ ALIKE_M = 0.3
 NetworkKind = Literal["opendrive", "osm", "sumo", "town"]
 
 
-def network_scene(source: Path | int, kind: NetworkKind, file: StreetFile, *, ego: str | None = None) -> Tables:
+def network_scene(
+    source: Path | int, kind: NetworkKind, file: StreetFile, *, ego: str | None = None, left_hand: bool = False
+) -> Tables:
     """Lay out a road network and its simulated traffic as tables of a scene file.
 
     Args:
         source: OpenDRIVE file, OpenStreetMap file or SUMO's configuration; number of streets of a drawn town
         file: what stands along the roads; the seed is that of drawn trips, too
         ego: SUMO's name of the vehicle that carries the sensor; that which drives for longest, if it is not said
+        left_hand: whether the traffic of an OpenStreetMap file keeps to the left
 
     Raises:
         InputError: if a file, a key or a value cannot be understood
@@ -130,7 +133,7 @@ def network_scene(source: Path | int, kind: NetworkKind, file: StreetFile, *, eg
                 net, loop = sumo.draw_town(source, folder, seed=file.seed, slopes=(low, high))
             else:
                 assert isinstance(source, Path)
-                net, origin = sumo.convert(source, kind, folder), str(source)
+                net, origin = sumo.convert(source, kind, folder, left_hand=left_hand), str(source)
             network = sumo.read_network(net)
             gap_m = float(np.mean(file.oncoming_gap_m))
             routes, ego, way_m = sumo.draw_routes(

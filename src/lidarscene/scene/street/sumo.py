@@ -183,8 +183,11 @@ def class_entry(kind: str) -> Mapping[str, Any]:
     return {key: CLASSES.get(kind, {}).get(key, CLASSES["passenger"][key]) for key in ("length_m", "bodies")}
 
 
-def convert(map_file: Path, kind: Literal["opendrive", "osm"], folder: Path) -> Path:
+def convert(map_file: Path, kind: Literal["opendrive", "osm"], folder: Path, *, left_hand: bool = False) -> Path:
     """Convert an OpenDRIVE or OpenStreetMap file to a network of SUMO in ``folder``; a warning says what it leaves out.
+
+    Args:
+        left_hand: whether traffic keeps to the left; of OpenDRIVE, netconvert would mirror each road with its pavements
 
     Raises:
         InputError: if it cannot be converted
@@ -205,7 +208,7 @@ def convert(map_file: Path, kind: Literal["opendrive", "osm"], folder: Path) -> 
         "osm": [
             *("--geometry.remove", "--ramps.guess", "--junctions.join"),
             *("--tls.guess-signals", "--tls.join", "--sidewalks.guess", "--crossings.guess"),
-            *("--osm.layer-elevation", f"{LAYER_M:g}"),
+            *("--osm.layer-elevation", f"{LAYER_M:g}", "--lefthand", str(left_hand)),
         ],
     }[kind]
     files = [f"--{kind}-files", str(map_file), "-o", str(network), "--no-warnings"]
