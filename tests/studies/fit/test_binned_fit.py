@@ -117,7 +117,7 @@ def test_the_interval_is_that_of_the_likelihood() -> None:
     """Two minima at -1 and 1 that are as likely: the mean square is 1, and each counts once, to a sum of few values."""
     solved = solved_valleys(1e-6, 0.5)
     assert solved.value[0] == pytest.approx(0.0, abs=0.4)
-    assert solved.covariance[0, 0] + solved.value[0] ** 2 == pytest.approx(1.0, rel=0.05)
+    assert solved.covariance[0, 0] + solved.value[0] ** 2 == pytest.approx(1.0, rel=0.15)
 
 
 @pytest.mark.parametrize("start", [-2.0, 0.3, 2.5])

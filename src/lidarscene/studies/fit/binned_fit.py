@@ -198,7 +198,8 @@ class _Solver:
 
     def minima(self, along: int, first: End, root: Numbers) -> list[End]:
         """Minima along one parameter, of those that are not far above the lowest."""
-        ends = self.scan(np.linspace(*self.bounds[:, along], SCANNED + 2), along, [first], root)
+        low, high = self.bounds[:, along].tolist()
+        ends = self.scan(np.linspace(low, high, SCANNED + 2), along, [first], root)
         ends.sort(key=lambda end: end.place[along])
         costs = np.array([math.inf, *(end.cost for end in ends), math.inf])
         chosen = (costs[1:-1] <= np.minimum(costs[:-2], costs[2:])) & (costs[1:-1] < costs.min() + FAR_COST)

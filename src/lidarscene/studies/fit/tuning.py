@@ -202,9 +202,7 @@ ROUNDING = 12.0**-0.5
 """Source: standard deviation of an even distribution between two whole numbers; what strengths leave open."""
 
 LOG_STEP = 0.1
-"""Accuracy bought: first step of the logarithms of numbers at rest, to both sides. Ranges jump by steps of the clock:
-half of it, to one side, gave slopes that were noise, which counted as information and made intervals up to half as
-wide."""
+"""Choice: distance from a bound, of the logarithm of a number, within which it is not told."""
 
 LEAST_SLOPE = 1.0
 """Choice: least information on a logarithm, one over the square of its standard deviation: a factor of e either way."""
@@ -221,7 +219,7 @@ REST_BOUNDS = {
 
 LIGHT_ERROR = 0.07
 """Choice: relative error of the light over the noise that all boards have in common. Strengths of the nearest walls are
-15 % off, so bins that go over to the strong channel tell too sharp a light: 7 % low in ten twins at 0.3 of the power."""
+up to 15 % off, and the step to the strong channel tells too sharp a light: 7 % low in ten twins at 0.3 of the power."""
 
 STRENGTH_BOUNDS = (0.4, 2.5)
 """Choice: least and largest strength of surfaces of few whole numbers that is tried, over what is taken for it."""
