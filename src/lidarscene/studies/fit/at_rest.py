@@ -22,19 +22,23 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, lru_cache
 
 import numpy as np
 
 from ...errors import InputError
+from ...light.echoes import Echoes
 from ...maths.arrays import Numbers, map_arrays
+from ...sensor.electronics import Tdc
 from ...sensor.sensor_model import Sensor
 from ..held import LIMITS, Held
-from ..ranging.plane import Target, detection_margin, detection_probability, echoes_of_plane, fluctuation_variance
+from ..ranging.plane import Target, detection_margin, detection_probability, echoes_of_plane
 from ..twin.judge import CLIPPED_DEVIATION, spread
-from ..twin.reading_noise import noise_by_step, pointing_noise_m, read_boards
+from ..twin.reading_noise import noise_by_step
 from ..twin.repeats import changes_m, held_share, kept_by_bin
 from ..twin.tuning import ASSUMED_KLUX, CLIP_SIGMAS, OCTAVES_M, SAME_SURFACE_M
 from .binned_fit import Prior, Statistics, solve
+from .board_law import BoardLaw, BoardNoise
 from .estimates import Estimate, Solution, exponential
 from .near_field import LEAST_BINS
 from .pixels_at_rest import PixelsAtRest, step_of
@@ -42,6 +46,8 @@ from .published_fit import POWER
 from .scatter import is_strong
 from .sensor_text import Changes, at_rest_changes, get_key, parse_sensor, put_changes
 from .tuning import (
+    BEAM_STEP,
+    CLIPS,
     DITHER,
     EXCESS_SIGMAS,
     LEAST_BROADENING,
@@ -53,11 +59,9 @@ from .tuning import (
     LEAST_STEPS,
     LIGHT_BOUNDS,
     LIGHT_ERROR,
-    LIGHT_STARTS,
     LOG_STEP,
     MOST_KEPT,
     PIXELS_OF_BIN,
-    READINGS,
     REST_BOUNDS,
     STRENGTH_BOUNDS,
 )
@@ -66,6 +70,9 @@ ENERGY, COLUMNS = "laser.energy_spread", "histogram.column_range_sigmas"
 STRONG, DIVERGENCE, CHATTER = "tdc.strong_jitter_ps", "laser.divergence_mrad", "tdc.chatter_mhz"
 CONVERTER = ("tdc.jitter_ps", STRONG, DIVERGENCE, CHATTER)
 """Keys that ranges and losses at rest say something of, of a sensor that times pulses."""
+
+CLOCK = {"tdc.jitter_ps": ("jitter_s", 1e-12), STRONG: ("strong_jitter_s", 1e-12), CHATTER: ("chatter_hz", 1e6)}
+"""Those of them that are fields of the clock -> field, and the key's unit in the field's."""
 
 FLOOR, SLOPE = "range_floor_at_rest", "range_noise_at_rest"
 """Coefficients a and b of (T185), which are no keys of a file."""
@@ -110,65 +117,70 @@ def bins_of_pixels(keys: Numbers, changes: Numbers) -> Iterator[tuple[Numbers, N
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Boards:
-    """Bins of pixels of like strength and lean, of which some are read again and again by a sensor.
+    """Bins of pixels of like strength and lean.
 
     Attributes:
         pixels: all of them
         members: indices of each bin's pixels
-        drawn: indices of those that are simulated
+        drawn: those that stand for them in what is expected, at most `PIXELS_OF_BIN` of each bin
+        first: of each bin, among ``drawn``
+        lean_m: of ``drawn``
     """
 
     pixels: PixelsAtRest
     members: Sequence[Numbers]
-    drawn: Sequence[Numbers]
+    drawn: PixelsAtRest
+    first: Numbers
+    lean_m: Numbers
 
     @classmethod
     def of(cls, pixels: PixelsAtRest, sensor: Sensor) -> Boards:
         """Sort pixels by octaves of the lean and of the height in thresholds."""
         height = np.maximum(detection_margin(sensor, pixels.board, pixels.mean_m), 0.25)
-        lean = np.log2(np.maximum(pixels.lean_m, LEAST_LEAN_M))
-        keys = np.stack([lean, np.log2(height)])
+        keys = np.log2([np.maximum(pixels.lean_m, LEAST_LEAN_M), height])
         members = [chosen for chosen, _ in bins_of_pixels(keys, changes_m(pixels.range_m))]
-        # In order of what makes a range scatter, so that the few that are simulated are as different as all of them.
-        order = 2.0 * keys[0] - keys[1]
-        ordered = [chosen[np.argsort(order[chosen])] for chosen in members]
-        counts = [min(len(chosen), PIXELS_OF_BIN) for chosen in members]
-        drawn = [
-            chosen[np.linspace(0, len(chosen) - 1, count).round().astype(int)]
-            for chosen, count in zip(ordered, counts, strict=True)
-        ]
-        return cls(pixels=pixels, members=members, drawn=drawn)
+        # In order of what makes a range scatter, so that the few that stand for all are as different as these.
+        order, drawn = 2.0 * keys[0] - keys[1], [np.zeros(0, int)]
+        for chosen in members:
+            places = np.linspace(0, len(chosen) - 1, min(len(chosen), PIXELS_OF_BIN)).round().astype(int)
+            drawn.append(chosen[np.argsort(order[chosen])[places]])
+        few = pixels.select(np.concatenate(drawn))
+        first = np.cumsum([len(chosen) for chosen in drawn])[:-1]
+        return cls(pixels=pixels, members=members, drawn=few, first=first, lean_m=few.lean_m)
 
     def recorded(self) -> Statistics:
         """Logarithm of the mean square of ranges, then the share kept after the first frame, of each bin."""
-        range_m = self.pixels.range_m
-        squares, kept = _of_bins(range_m, np.isfinite(range_m[1:]).mean(axis=0), self.members, self.pixels.block)
-        trials = np.array([float(len(members) * (len(range_m) - 1)) for members in self.members])
-        return Statistics.join([squares, replace(kept, sigma=0.0 * kept.sigma, trials=trials)])
+        range_m, block = self.pixels.range_m, self.pixels.block
+        again = np.isfinite(range_m[1:]).mean(axis=0)
+        squares = [pixel_squares(changes_m(range_m[:, chosen])) for chosen in self.members]
+        kept = Statistics.of([again[chosen] for chosen in self.members], self.members, block)
+        trials = np.array([float(len(chosen) * (len(range_m) - 1)) for chosen in self.members])
+        scatter = Statistics.of(squares, self.members, block).logarithm()
+        return Statistics.join([scatter, replace(kept, sigma=0.0 * kept.sigma, trials=trials)])
 
-    def simulated(self, sensor: Sensor) -> Statistics:
-        """The same of a sensor, with the standard deviation of so few readings; NaN where it reads none."""
-        drawn = self.pixels.select(np.concatenate(self.drawn))
-        read = drawn.select(np.tile(np.arange(len(drawn.block)), READINGS))  # all at once takes half the time
-        light = replace(echoes_of_plane(sensor, read.board, read.mean_m), row_slope=read.row_slope)
-        variance = fluctuation_variance(sensor, Target(), read.mean_m)
-        # What chatters is lost at random, whatever its range: drawn, it would make the slopes of the scatter noisy.
-        steady = replace(sensor, tdc=replace(sensor.tdc, chatter_hz=None))
-        range_m = read_boards(steady, light, variance, 0)[0].reshape(READINGS, -1)
-        off = np.random.default_rng(0).normal(size=range_m.shape)  # each pulse goes a way of its own
-        range_m = range_m + off * pointing_noise_m(sensor, drawn.lean_m)
-        share = detection_probability(sensor, drawn.board, drawn.mean_m)
-        members = np.split(np.arange(len(share)), np.cumsum([len(chosen) for chosen in self.drawn])[:-1])
-        return Statistics.join(_of_bins(range_m, share, members, drawn.block))
+    def light(self, sensor: Sensor) -> Echoes:
+        """Echoes of the pixels that stand for all."""
+        return echoes_of_plane(sensor, self.drawn.board, self.drawn.mean_m)
+
+    def expected(self, law: BoardLaw, noise: BoardNoise, tdc: Tdc) -> Numbers:
+        """What `recorded` is to be of a sensor with this clock."""
+        counts = np.diff([*self.first, len(self.lean_m)])
+        squares = _clipped_squares(law.squares_m2(noise, tdc), self.first, counts)
+        return np.concatenate([np.log(squares), np.add.reduceat(law.kept(noise, tdc), self.first) / counts])
 
 
-def _of_bins(
-    range_m: Numbers, share: Numbers, members: Sequence[Numbers], block: Numbers
-) -> tuple[Statistics, Statistics]:
-    """Logarithms of the mean squares of (frames, n) ranges, and (n,) shares kept, of each bin."""
-    squares = [pixel_squares(changes_m(range_m[:, chosen])) for chosen in members]
-    shares = [share[chosen] for chosen in members]
-    return Statistics.of(squares, members, block).logarithm(), Statistics.of(shares, members, block)
+def _clipped_squares(squares_m2: Numbers, first: Numbers, counts: Numbers) -> Numbers:
+    """Means over bins of the `pixel_squares` of `changes_m` that are normal with these mean squares, (n,)."""
+    from scipy.special import erf
+
+    sigma_m, most_m = np.sqrt(squares_m2), SAME_SURFACE_M / math.sqrt(2.0)
+    end = most_m / sigma_m
+    for _ in range(CLIPS):
+        share = erf(end / math.sqrt(2.0))
+        squares = squares_m2 * (share - math.sqrt(2.0 / math.pi) * end * np.exp(-0.5 * end**2))
+        scatter_m = np.sqrt(np.add.reduceat(squares, first) / np.add.reduceat(share, first)) / CLIPPED_DEVIATION
+        end = np.minimum(np.repeat(CLIP_SIGMAS * scatter_m, counts), most_m) / sigma_m
+    return np.asarray(np.add.reduceat(squares / share, first) / counts / CLIPPED_DEVIATION**2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -313,9 +325,7 @@ def _sum_of_terms(
     level = float(np.exp(np.median(recorded.value)))
     start = np.log(level / len(names) / np.median(law, axis=0)) / power
     bounds = start + np.log([[1e-6], [1e3]]) / power
-    solved = solve(
-        recorded, lambda logs: np.asarray(np.log(np.exp(power * logs) @ law.T)), start, bounds, step=LOG_STEP
-    )
+    solved = solve(recorded, lambda logs: np.asarray(np.log(law @ np.exp(power * logs))), start, bounds)
     return _determined(names, solved, bounds)
 
 
@@ -339,14 +349,14 @@ def _columns(pixels: PixelsAtRest, text: str, where: str) -> Law:
         return (), None, {COLUMNS: "too few smooth surfaces of different lean"}
     steps = [np.sort(step_mm[strong][chosen]) for chosen in members]
 
-    def law(places: Numbers) -> Numbers:
-        reach_mm = np.exp(places.sum(axis=1))
-        squares = [[np.mean(noise_by_step(histogram, of_bin / reach) ** 2) for of_bin in steps] for reach in reach_mm]
-        return np.asarray(2.0 * places[:, :1] + np.log(squares))
+    def law(place: Numbers) -> Numbers:
+        reach_mm = np.exp(place.sum())
+        squares = [np.mean(noise_by_step(histogram, of_bin / reach_mm) ** 2) for of_bin in steps]
+        return np.asarray(2.0 * place[0] + np.log(squares))
 
     first = np.array([0.5 * float(np.min(recorded.value)), math.log(start)])
     bounds = np.array([first[0] + np.array([-3.0, 3.0]), np.log(REST_BOUNDS[COLUMNS])]).T
-    return _determined(("scatter_c at rest", COLUMNS), solve(recorded, law, first, bounds, step=LOG_STEP), bounds)
+    return _determined(("scatter_c at rest", COLUMNS), solve(recorded, law, first, bounds), bounds)
 
 
 def _converter(pixels: PixelsAtRest, text: str, where: str) -> Law:
@@ -394,44 +404,45 @@ def _converter_law(boards: Boards, recorded: Statistics, keys: Sequence[str], te
     """Fit these keys to the statistics of the boards; without the beam if the file refuses one that is tried."""
     pixels = boards.pixels
     middle_m, least_known = np.median(pixels.mean_m), np.max(pixels.apparent_error)
-
-    def height_of(sensor: Sensor) -> float:
-        return float(detection_margin(sensor, Target(illuminance_klux=ASSUMED_KLUX), middle_m)[0])
-
-    given = height_of(parse_sensor(text, where))
-
-    def simulated(logs: Numbers) -> Statistics:
-        """Statistics of a sensor whose beam may be wider than its field: the light that it then loses is LIGHT's."""
-        values = dict(zip(keys, np.exp(logs).tolist(), strict=True))
-        apparent = pixels.apparent * values.pop(STRENGTH, 1.0) ** (pixels.apparent_error / max(least_known, 1e-9))
-        light = given * values.pop(LIGHT)
-        sensor = parse_sensor(text, where, _changes(values))
-        power_w = sensor.laser.peak_power_w * light / height_of(sensor)
-        sensor = replace(sensor, laser=replace(sensor.laser, peak_power_w=power_w))
-        return replace(boards, pixels=replace(pixels, apparent=apparent)).simulated(sensor)
-
+    share = boards.drawn.apparent_error / max(least_known, 1e-9)
+    file = parse_sensor(text, where)
+    law = BoardLaw.of(file, boards.light(file), LIGHT_BOUNDS[1])
     tried = REST_BOUNDS | {LIGHT: LIGHT_BOUNDS, STRENGTH: STRENGTH_BOUNDS}
     start = np.log([get_key(text, key) or math.sqrt(math.prod(tried[key])) for key in keys])
     bounds = np.log([tried[key] for key in keys]).T
 
-    def predict(places: Numbers) -> Numbers:
-        values = np.stack([simulated(logs).value for logs in places])
-        return np.where(np.isfinite(values), values, recorded.value)
+    @cache
+    def lit(node: int) -> Numbers:
+        """(2, n) logarithms of power and length of the echoes of a beam, of one wider than its field as of the file's.
+
+        The light that it loses is LIGHT's.
+        """
+        sensor = parse_sensor(text, where, _changes({DIVERGENCE: math.exp(BEAM_STEP * node)}))
+        target = Target(illuminance_klux=ASSUMED_KLUX)
+        heights = [detection_margin(each, target, middle_m).item() for each in (file, sensor)]
+        light = boards.light(sensor)
+        return np.log(np.stack([light.peak_power_w * (heights[0] / heights[1]), light.broadening]))
+
+    @lru_cache(maxsize=8)
+    def noise(log_beam: float | None, log_light: float, log_strength: float) -> BoardNoise:
+        light = boards.light(file)
+        if log_beam is not None:
+            node, rest = divmod(log_beam / BEAM_STEP, 1.0)
+            power_w, length = np.exp((1.0 - rest) * lit(int(node)) + rest * lit(int(node) + 1))
+            light = replace(light, peak_power_w=power_w, broadening=length)
+        times = np.exp(log_light + log_strength * share)
+        return law.noise(replace(light, peak_power_w=light.peak_power_w * times), boards.lean_m)
+
+    def expected(logs: Numbers) -> Numbers:
+        values = dict(zip(keys, logs.tolist(), strict=True))
+        numbers = {field: scale * math.exp(values[key]) for key, (field, scale) in CLOCK.items() if key in values}
+        of_echoes = noise(values.get(DIVERGENCE), values[LIGHT], values.get(STRENGTH, 0.0))
+        return boards.expected(law, of_echoes, replace(file.tdc, **numbers))
 
     try:
-        starts = np.where(np.array(keys) == LIGHT, np.log(LIGHT_STARTS)[:, None], start)
-        solved = solve(
-            recorded,
-            predict,
-            np.clip(starts, *bounds),
-            bounds,
-            step=LOG_STEP,
-            prior=Prior(start, np.where(np.array(keys) == STRENGTH, least_known, np.inf)),
-            error=lambda logs: np.nan_to_num(simulated(logs).sigma),
-        )
-        in_common = np.diag(np.where(np.array(keys) == LIGHT, LIGHT_ERROR**2, 0.0))
-        apart = 0.0 if solved.held_covariance is None else solved.held_covariance
-        solved = replace(solved, held_covariance=in_common + apart)
+        prior = Prior(start, np.where(np.array(keys) == STRENGTH, least_known, np.inf))
+        solved = solve(recorded, expected, np.clip(start, *bounds), bounds, prior, along=keys.index(LIGHT))
+        solved = solved.wider(np.diag(np.where(np.array(keys) == LIGHT, LIGHT_ERROR**2, 0.0)))
     except InputError as failure:
         if DIVERGENCE not in keys:
             return (), None, dict.fromkeys(keys, str(failure))
@@ -445,7 +456,8 @@ def _converter_law(boards: Boards, recorded: Statistics, keys: Sequence[str], te
 def _determined(keys: tuple[str, ...], solved: Solution, bounds: Numbers) -> Law:
     """Law without the parameters that ended at a bound or that no statistic depends on; these stay as they are."""
     at_bound = np.any(np.abs(solved.value - bounds) < LOG_STEP, axis=0)
-    silent = np.diag(solved.slope) < LEAST_SLOPE
+    apart = 0.0 if solved.held_covariance is None else np.diag(solved.held_covariance)
+    silent = np.diag(solved.slope) < LEAST_SLOPE * (1.0 + apart * np.diag(solved.slope))
     reasons = {
         key: "nothing that was recorded depends on it"
         if quiet
@@ -474,7 +486,9 @@ def checks_at_rest(boards: Boards, sensor: Sensor) -> Iterator[Held]:
     rest = boards.pixels
     if not boards.members:
         return
-    recorded, simulated = boards.recorded().value, boards.simulated(sensor).value
+    law = BoardLaw.of(sensor, boards.light(sensor))
+    noise = law.noise(boards.light(sensor), boards.lean_m)
+    recorded, simulated = boards.recorded().value, boards.expected(law, noise, sensor.tdc)
     for members, real, found in zip(boards.members, recorded, simulated, strict=False):
         lean_m, strength = np.median(rest.lean_m[members]), np.median(rest.apparent[members])
         real_mm, found_mm = (1e3 * math.exp(0.5 * value) for value in (real, found))

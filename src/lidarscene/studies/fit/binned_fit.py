@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -13,16 +14,20 @@ from ...maths.arrays import Numbers, map_arrays
 from ...maths.special import SIGMA_PER_MAD
 from .estimates import Solution, huber_weight
 from .tuning import (
+    ABOUT,
     CURVE_HUBER,
-    FAR_SQUARE,
-    FOLLOWED,
-    INTERVALS,
-    LEAST_LIKELY,
+    FAR_COST,
+    FINE,
+    FINEST,
+    LEAST_SLOPE,
+    LIKELY,
+    MOST_SCANNED,
     MOST_STEPS,
+    PINNED,
     ROUNDS,
-    SAME_MINIMUM,
-    STEP_RATIO,
-    UNKNOWN_SIGMA,
+    SCANNED,
+    SLOPE_STEP,
+    SMOOTH,
 )
 
 
@@ -106,124 +111,180 @@ def misfit_beyond(residual: Numbers, sigma: Numbers) -> float:
     return math.sqrt(max(excess, 1e-6**2))
 
 
+Law = Callable[[Numbers], Numbers]
+
+RULES: Mapping[str, Any] = {"x_scale": "jac", "max_nfev": MOST_STEPS, "xtol": 1e-4, "ftol": 1e-3}
+"""Accuracy bought: steps of the solver are far below what noise leaves open."""
+
+
+class End(NamedTuple):
+    """End of a solver.
+
+    Attributes:
+        place: (p,) parameters
+        cost: half of the sum of the squares
+        jacobian: (k, q) slopes of the residuals by the q parameters that were free
+        at_limit: True if it stopped at its largest number of steps
+    """
+
+    place: Numbers
+    cost: float
+    jacobian: Numbers
+    at_limit: bool
+
+    @property
+    def covariance(self) -> Numbers:
+        """(q, q) covariance of the free parameters; large where nothing is known."""
+        return np.linalg.inv(self.jacobian.T @ self.jacobian + 1e-9 * np.eye(self.jacobian.shape[1]))
+
+
+class _Solver:
+    """Weighted least squares of a law whose values are kept."""
+
+    def __init__(self, recorded: Statistics, predict: Law, start: Numbers, bounds: Numbers, prior: Prior) -> None:
+        self.recorded, self.predict, self.start, self.bounds, self.prior = recorded, predict, start, bounds, prior
+        self.known: dict[tuple[float, ...], Numbers] = {}
+
+    def law(self, place: Numbers) -> Numbers:
+        row = tuple(place.tolist())
+        if row not in self.known:
+            self.known[row] = self.predict(place)
+        return self.known[row]
+
+    def residuals(self, place: Numbers, root: Numbers) -> Numbers:
+        off = (self.law(place) - self.recorded.value) * root
+        return np.append(off, (place - self.prior.value) / self.prior.sigma)
+
+    def slopes(self, place: Numbers, root: Numbers, free: Numbers) -> Numbers:
+        ways = np.where(place + SLOPE_STEP > self.bounds[1], -SLOPE_STEP, SLOPE_STEP)
+        rises = [self.residuals(side, root) - self.residuals(place, root) for side in (place + np.diag(ways))[free]]
+        return np.stack(rises, axis=1) / ways[free]
+
+    def descend(self, place: Numbers, root: Numbers, free: Numbers) -> End:
+        """Minimum next to a place, by the parameters of the mask."""
+        from scipy.optimize import least_squares
+
+        def put(some: Numbers) -> Numbers:
+            moved = place.copy()
+            moved[free] = some
+            return moved
+
+        def end_from(some: Numbers) -> End:
+            end = least_squares(
+                lambda of: self.residuals(put(of), root),
+                some,
+                lambda of: self.slopes(put(of), root, free),
+                self.bounds[:, free],
+                **RULES,
+            )
+            return End(put(end.x), end.cost, end.jac, end.status == 0)
+
+        end = end_from(place[free])
+        silent = np.sum(end.jacobian**2, axis=0) < LEAST_SLOPE
+        if not silent.any() or np.allclose(end.place[free][silent], self.start[free][silent], atol=SLOPE_STEP):
+            return end
+        # Where nothing depends on a number any more, no slope leads back.
+        again = end_from(np.where(silent, self.start[free], end.place[free]))
+        return min(end, again, key=lambda each: each.cost)
+
+    def scan(self, values: Numbers, along: int, ends: Sequence[End], root: Numbers) -> list[End]:
+        """Ends by the other parameters at these values of one, each from the nearest end so far."""
+        found = list(ends)
+        for value in sorted(values.tolist(), key=lambda value: abs(value - ends[0].place[along])):
+            place = min(found, key=lambda end: abs(end.place[along] - value)).place.copy()
+            place[along] = value
+            found.append(self.descend(place, root, np.arange(len(place)) != along))
+        return found[len(ends) :]
+
+    def minima(self, along: int, first: End, root: Numbers) -> list[End]:
+        """Minima along one parameter, of those that are not far above the lowest."""
+        low, high = self.bounds[:, along].tolist()
+        ends = self.scan(np.linspace(low, high, SCANNED + 2), along, [first], root)
+        ends.sort(key=lambda end: end.place[along])
+        costs = np.array([math.inf, *(end.cost for end in ends), math.inf])
+        chosen = (costs[1:-1] <= np.minimum(costs[:-2], costs[2:])) & (costs[1:-1] < costs.min() + FAR_COST)
+        return list(itertools.compress(ends, chosen))
+
+
 def solve(
     recorded: Statistics,
-    predict: Callable[[Numbers], Numbers],
+    predict: Law,
     start: Numbers,
     bounds: Numbers,
-    *,
-    step: float,
     prior: Prior | None = None,
-    error: Callable[[Numbers], Numbers | float] = lambda _: 0.0,
+    along: int | None = None,
 ) -> Solution:
-    """Fit parameters to statistics; bins that no law meets count less (Huber's weight).
+    """Fit parameters to statistics by a smooth law; bins that no law meets count less (Huber's weight).
 
-    What the law misses beyond the noise of the bins is a scatter of all of their kind. Other minima widen the intervals
-    by the squares of their distances, each by its share of the likelihood: the law of total variance.
+    What the law misses beyond the noise of the bins is a scatter of all of their kind. Along one parameter, the others
+    may be solved for at each of its values. Then no minimum is missed, and means and covariances are those of the
+    likelihood, which may go in steps: the law of total variance.
 
     Args:
-        predict: (m, k) statistics of (m, p) parameters
-        start: (p,) parameters, or (s, p) of several starts. From the end of the first one go the others' ways from it;
-            where these lead to places not far off the recording, other ends are sought
+        predict: (k,) statistics of (p,) parameters
+        start: (p,) parameters
         bounds: (2, p) of the parameters
-        step: of the first central differences that are the slopes; later ones reach along the main axes of the interval
-            to its end, since over short ways the noise of a simulated law counts as information. They are taken at the
-            nearest node of a lattice of such steps, so that places near each other share their statistics. Beside a
-            step of the law, where a fit may end, those of the interval are to that side on which it changes less
         prior: what is expected; None: nothing
-        error: (k,) standard deviation of what is predicted at (p,) parameters
+        along: index of such a parameter; None: the minimum next to the start, and a likelihood like a normal one
     """
-    from scipy.optimize import least_squares
-
-    places = np.atleast_2d(start)
-    expected, width, first_misfit = prior or Prior(places[0], np.full_like(places[0], np.inf))
-    known: dict[tuple[float, ...], Numbers] = {}
-
-    def laws(asked: Numbers) -> Numbers:
-        rows = [tuple(row) for row in asked.tolist()]
-        new = list(dict.fromkeys(row for row in rows if row not in known))
-        if new:
-            known.update(zip(new, predict(np.array(new)), strict=True))
-        return np.array([known[row] for row in rows])
-
-    def spread(place: Numbers) -> Numbers:
-        return np.hypot(recorded.spread(laws(place[None])[0]), error(place))
-
-    def residuals(place: Numbers, root: Numbers) -> Numbers:
-        return np.append((laws(place[None])[0] - recorded.value) * root, (place - expected) / width)
-
-    def jacobian_of(ways: Numbers, rises: Numbers, root: Numbers) -> Numbers:
-        return np.vstack([np.linalg.lstsq(ways, rises, rcond=None)[0].T * root[:, None], np.diag(1.0 / width)])
-
-    def slopes(place: Numbers, root: Numbers) -> Numbers:
-        node = np.clip(step * np.rint(place / step), *bounds)
-        above, below = np.clip(node + moves, *bounds), np.clip(node - moves, *bounds)
-        return jacobian_of(above - below, np.subtract(*np.split(laws(np.vstack([above, below])), 2)), root)
-
-    def least_slopes(place: Numbers, root: Numbers) -> tuple[Numbers, bool]:
-        """Slopes to that side along each way on which the law changes less, and whether one is by far the less."""
-        ends = np.clip(place + np.stack([moves, -moves]), *bounds)
-        ways, rises = ends - place, np.stack([laws(side) for side in ends]) - laws(place[None])
-        with np.errstate(invalid="ignore"):  # a side that a bound cuts off
-            steepness = np.linalg.norm(rises * root, axis=2) / np.linalg.norm(ways, axis=2)
-        chosen = np.nanargmin(steepness, axis=0), np.arange(len(moves))
-        is_step = np.any(np.nanmax(steepness, axis=0) > STEP_RATIO * np.nanmin(steepness, axis=0))
-        return jacobian_of(ways[chosen], rises[chosen], root), bool(is_step)
-
-    rules: dict[str, Any] = {"x_scale": "jac", "max_nfev": MOST_STEPS, "xtol": 1e-5, "ftol": 1e-4}
-    moves, sigma, weight = step * np.eye(len(expected)), spread(places[0]), np.ones_like(recorded.value)
-    misfit = np.full_like(recorded.value, first_misfit)
+    solver = _Solver(recorded, predict, start, bounds, prior or Prior(start, np.full_like(start, np.inf)))
+    every, minima = np.ones(len(start), bool), [End(start, 0.0, np.zeros((0, 0)), at_limit=False)]
+    sigma, weight = recorded.spread(solver.law(start)), np.ones_like(recorded.value)
+    misfit = np.full_like(recorded.value, solver.prior.misfit)
     for number in range(ROUNDS):  # misfit and weights follow from the residuals, which follow from the weights
         root = np.sqrt(weight) / np.hypot(sigma, misfit)
-        ends = [least_squares(residuals, places[0], slopes, bounds, args=(root,), **rules)]
-        if number == 0:
-            others = np.clip(ends[0].x + places[1:] - places[0], *bounds)
-            off = np.array([np.sum(residuals(other, root) ** 2) for other in others])
-            near = np.flatnonzero(off < 2.0 * ends[0].cost + FAR_SQUARE * len(root))
-            places = np.vstack([places[:1], others[near[np.argsort(off[near])[:FOLLOWED]]]])
-        ends += [least_squares(residuals, place, slopes, bounds, args=(root,), **rules) for place in places[1:]]
-        best = int(np.argmin([end.cost for end in ends]))
-        found = ends[best]
-        residual, sigma = recorded.value - laws(found.x[None])[0], spread(found.x)
+        if along is not None and number == 0:
+            minima = solver.minima(along, minima[0], root)
+        minima = sorted((solver.descend(end.place, root, every) for end in minima), key=lambda end: end.cost)
+        best = minima[0]
+        residual, sigma = recorded.value - solver.law(best.place), recorded.spread(solver.law(best.place))
         for kind in np.unique(recorded.kind):
             alike = recorded.kind == kind
             misfit[alike] = misfit_beyond(residual[alike], sigma[alike])
         weight = huber_weight(residual, np.hypot(sigma, misfit), CURVE_HUBER)
-        root = np.sqrt(weight) / np.hypot(sigma, misfit)
-        jacobian = slopes(found.x, root)
-        covariance = _covariance(jacobian)
-        widths, moves = np.sqrt(np.diag(covariance)), _axes(covariance, step)
-        squares = [float(np.sum(residuals(end.x, root) ** 2)) for end in ends]
-        places, chances = found.x[None], np.exp([0.5 * (min(squares) - squares[best])])
-        for end, square in zip(ends, squares, strict=True):
-            chance, is_new = math.exp(0.5 * (min(squares) - square)), np.abs(places - end.x) > SAME_MINIMUM * widths
-            if chance > LEAST_LIKELY and np.any(is_new, axis=1).all():
-                places, chances = np.vstack([places, end.x]), np.append(chances, chance)
-    moves = step * np.eye(len(expected))
-    for number in range(INTERVALS):
-        to_less, is_step = least_slopes(found.x, root)
-        if number == 0 and not is_step:
-            break
-        moves = _axes(_covariance(to_less), step)
-    else:  # the interval of the larger volume: the ways to one side may have been short
-        jacobian = max(jacobian, to_less, key=lambda each: float(np.linalg.slogdet(_covariance(each))[1]))
-    scores = ((recorded.parts + recorded.share * residual) * root) @ jacobian[: len(root)]
-    return Solution(
-        value=found.x,
+    root = np.sqrt(weight) / np.hypot(sigma, misfit)
+    jacobian = solver.slopes(best.place, root, every)
+    solution = Solution(
+        value=best.place,
         slope=jacobian.T @ jacobian,
-        scores=scores,
-        evaluations=len(known),
-        held_covariance=(chances / chances.sum() * (places - found.x).T) @ (places - found.x),
-        at_limit=found.status == 0,
+        scores=((recorded.parts + recorded.share * residual) * root) @ jacobian[: len(root)],
+        evaluations=len(solver.known),
+        at_limit=best.at_limit,
     )
+    return solution if along is None else _over_likelihood(solver, solution, along, minima, root)
 
 
-def _axes(covariance: Numbers, least: float) -> Numbers:
-    """(p, p) main axes of an interval, as long as its standard deviations, from ``least`` to `UNKNOWN_SIGMA`."""
-    squares, axes = np.linalg.eigh(covariance)
-    return np.asarray(axes * np.clip(np.sqrt(squares), least, UNKNOWN_SIGMA)).T
+def _over_likelihood(solver: _Solver, solution: Solution, along: int, minima: Sequence[End], root: Numbers) -> Solution:
+    """Mean and covariance over the likelihood of one parameter, from values about each minimum on."""
+    from scipy.interpolate import PchipInterpolator, make_interp_spline
 
-
-def _covariance(jacobian: Numbers) -> Numbers:
-    """Inverse of the information of a Jacobian; large where there is none."""
-    return np.linalg.inv(jacobian.T @ jacobian + 1e-9 * np.eye(jacobian.shape[1]))
+    ends, known = list(minima), np.zeros(0)
+    low, high = solver.bounds[:, along]
+    sigmas = [min(end.covariance[along, along] ** 0.5, (high - low) / SCANNED) for end in minima]
+    about = [end.place[along] + sigma * np.array(ABOUT) for end, sigma in zip(minima, sigmas, strict=True)]
+    values = np.concatenate([*about, [low, high]])
+    while len(values):
+        ends += solver.scan(np.setdiff1d(np.clip(np.round(values, 4), low, high), known), along, ends, root)
+        scanned = sorted(ends[len(minima) :], key=lambda end: end.place[along])
+        known = np.array([end.place[along] for end in scanned])
+        logs = np.array([0.5 * np.linalg.slogdet(end.covariance)[1] - end.cost for end in scanned])
+        likely = np.maximum(logs[1:], logs[:-1]) > logs.max() - LIKELY
+        coarse = likely & (np.abs(np.diff(logs)) > SMOOTH) & (np.diff(known) > FINEST) & (len(known) < MOST_SCANNED)
+        values = 0.5 * (known[1:] + known[:-1])[coarse]
+    fine = np.interp(np.linspace(0.0, len(known) - 1.0, FINE * len(known)), np.arange(len(known)), known)
+    chance = np.exp(PchipInterpolator(known, logs)(fine) - logs.max()) * np.gradient(fine)
+    chance /= chance.sum()
+    others = np.delete(np.arange(len(minima[0].place)), along)
+    square = np.ix_(others, others)
+    places, covariances = (
+        make_interp_spline(known, np.stack(of_ends), k=1)(fine)
+        for of_ends in ([end.place for end in scanned], [end.covariance for end in scanned])
+    )
+    mean = chance @ places
+    covariance = (chance * (places - mean).T) @ (places - mean)
+    covariance[square] += np.einsum("n,nij->ij", chance, covariances)
+    # The blocks' scores are those at the best place, with the parameter held there.
+    slope = solution.slope.copy()
+    slope[along], slope[:, along], slope[along, along] = 0.0, 0.0, PINNED
+    covariance[square] -= np.linalg.inv(slope[square] + 1e-9 * np.eye(len(others)))
+    return replace(solution, value=mean, slope=slope, held_covariance=covariance, evaluations=len(solver.known))

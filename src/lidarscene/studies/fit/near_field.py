@@ -29,7 +29,6 @@ from .noise_photons import SIGNAL_ERROR, noise_bins
 from .products import at_pulses, near_field_m, white_over_range_m2
 from .recorded_pulses import RecordedPulses
 from .tuning import (
-    CURVE_STEP,
     FAR_RATIO,
     FIRST_MISFIT,
     LEAST_GAIN,
@@ -232,8 +231,7 @@ def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> Near
     bounds = np.array([(y.min() - 2.0, y.max() + 2.0), knee_bounds, np.log(SPOT_BOUNDS)])[:parameters].T
 
     def near_field(curve: Curve | None, start: Numbers, bounds: Numbers, prior: Prior) -> NearField:
-        law = partial(_laws, curve, x=x)
-        solved = solve(binned, law, start, bounds, step=CURVE_STEP, prior=prior)
+        solved = solve(binned, lambda place: _laws(curve, place[None], x)[0], start, bounds, prior)
         return NearField(
             range_m=np.exp(x),
             white_m2=np.exp(y),

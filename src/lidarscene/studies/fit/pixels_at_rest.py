@@ -5,6 +5,7 @@ A pixel is compared with itself: what differs from frame to frame is the sensor'
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -23,7 +24,20 @@ from ..twin.planes import align_columns, fit_planes
 from ..twin.reading_noise import lean_of
 from ..twin.tuning import LEAST_COS, WHOLE_FRAME
 from .recorded_pulses import BLOCK_COLUMNS, fitted_blocks
-from .tuning import GROUND_COS, LEAST_OF_BIN, LEAST_STEPS, ROUNDING
+from .tuning import (
+    ADAPTIONS,
+    GROUND_COS,
+    LAW,
+    LAW_SIGMAS,
+    LAWS,
+    LEAST_OF_RING,
+    LEAST_STEPS,
+    OFF_SQUARE,
+    READING_SIGMA,
+    RING_STEP,
+    ROUNDING,
+    WIDER,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -112,15 +126,18 @@ def pixels_at_rest(sweeps: Sequence[Sweep], sensor: Sensor) -> PixelsAtRest | No
             np.isfinite(range_m), np.stack([np.asarray(values, float).ravel()[chosen] for values in strengths]), np.nan
         )
     )
-    apparent = [gauge.apparent(frame, frame.range_m).ravel()[chosen] for frame in frames]
-    smooth, error = np.ones(len(chosen)), np.zeros(len(chosen))
-    if strength is not None and sensor.histogram is None:
-        smooth, error = unrounded(np.nanmean(strength, axis=0) / step_of(strength), cos[usable])
+    each = np.stack([gauge.apparent(frame, frame.range_m).ravel()[chosen] for frame in frames])
+    apparent, error = np.nanmean(np.where(np.isfinite(range_m), each, np.nan), axis=0), np.zeros(len(chosen))
+    if strength is not None and sensor.histogram is None and len(gauge.per_count) == 1:
+        step, read = step_of(strength), np.nanmean(strength, axis=0)
+        smooth, error = unrounded(read / step, cos[usable])
+        # What reads 0 in some frames counts as more there, so its law is no factor on its mean.
+        apparent = np.where(smooth == read / step, apparent, smooth * step * gauge.per_count)
     column = np.broadcast_to(np.arange(order.shape[1]), order.shape)[usable]
     return PixelsAtRest(
         range_m=range_m,
         strength=strength,
-        apparent=np.nanmean(np.where(np.isfinite(range_m), apparent, np.nan), axis=0) * smooth,
+        apparent=apparent,
         apparent_error=error,
         cos_incidence=cos[usable],
         row_slope=np.asarray(relative_row_slope(tuple(np.moveaxis(normal[usable], -1, 0)), tuple(direction[usable].T))),
@@ -135,28 +152,53 @@ def step_of(strength: Numbers) -> float:
 
 
 def unrounded(strength: Numbers, cos_incidence: Numbers) -> tuple[Numbers, Numbers]:
-    r"""Strengths of few whole steps without their rounding, over themselves, and the relative error that is left.
+    r"""Strengths of few whole steps without their rounding, and the relative error that is left.
 
-    Far ground reads 1 all over. A power of the cosine of the incidence is fitted to all that read few steps, over which
-    roundings compensate each other: at the end of a line through m steps, spread evenly, least squares leave
+    Far ground reads 1 all over. But it reads 2 from 1.5 on, and a law of the cosine of the incidence must go that way,
 
-    .. math:: \sigma_1 = \frac{1}{6 m}, \quad m = \sqrt{12}\, \sigma_I \tag{T185a}
+    .. math:: \ln I = a_0 + a_1 \ln\cos\beta + a_2 \ln^2\cos\beta \tag{T185a}
 
-    of a step, by parts: the weight 4 / m - 6 x / m^2 of what is read at x has 4 / m and -2 / m at its ends, and the
-    integral of a rounding varies by 1 / sqrt(720). Where the law is not what was read, as on another material, the
-    number that was read stays, with its own rounding. Symbols: I strength in steps, sigma_I its deviation.
+    Of all such laws that are as likely as not to give the readings of each ring, by importance sampling, mean and
+    deviation are told. Where that is not what was read, as on another material, the number that was read stays, with
+    its own rounding. Symbols: I strength in steps, beta incidence.
     """
-    from scipy.optimize import least_squares
+    from scipy.special import ndtr
 
     few = strength < LEAST_STEPS
-    smooth, error = np.ones_like(strength), ROUNDING / np.maximum(strength, 1.0)
-    if few.sum() < LEAST_OF_BIN:
+    smooth, error = strength.copy(), ROUNDING / np.maximum(strength, 1.0)
+    read, logs = strength[few], np.log(cos_incidence[few])
+    ring = np.unique(np.rint(logs / RING_STEP), return_inverse=True)[1]
+    rings = [np.flatnonzero(ring == number) for number in range(ring.max(initial=-1) + 1)]
+    rings = [members for members in rings if len(members) >= LEAST_OF_RING]
+    if not rings:
         return smooth, error
-    read, cos = strength[few], cos_incidence[few]
-    factor, exponent = least_squares(lambda p: p[0] * cos ** p[1] - read, (1.0, 0.0), loss="huber", f_scale=0.5).x
-    law = factor * cos**exponent
-    holds = np.abs(law - read) < 0.5
-    smooth[few] = np.where(holds, law / np.maximum(read, 0.5), 1.0)
-    steps_off = np.minimum(ROUNDING, ROUNDING / 6.0 / np.maximum(np.std(read), 1e-9))
-    error[few] = np.where(holds, steps_off / np.maximum(law, 0.5), error[few])
+    near = [members[np.abs(read[members] - np.median(read[members])) < 1.0] for members in rings]
+    of_ring, means = (np.array([values[members].mean() for members in near]) for values in (logs, read))
+
+    def terms(values: Numbers) -> Numbers:
+        return np.stack([np.ones_like(values), values, values**2, np.zeros_like(values)])
+
+    def squares(numbers: Numbers, inverse: Numbers, centre: Numbers) -> Numbers:
+        return np.einsum("ni,ij,nj->n", numbers - centre, inverse, numbers - centre)
+
+    expected, known = np.array(LAW), np.diag(np.array(LAW_SIGMAS) ** -2.0)
+    steps, design, weight = np.arange(0.5, LEAST_STEPS + 1.0), terms(of_ring), (np.maximum(means, 0.5) / ROUNDING) ** 2
+    inverse = (design * weight) @ design.T + known
+    mean = np.linalg.solve(inverse, design @ (weight * np.log(np.maximum(means, 0.5))) + known @ expected)
+    covariance, random = np.linalg.inv(inverse), np.random.default_rng(0)
+    for _ in range(ADAPTIONS):
+        numbers = random.multivariate_normal(mean, WIDER * covariance, LAWS)
+        law = np.exp(np.minimum(numbers @ design, math.log(2.0 * LEAST_STEPS)))
+        blur = law * np.exp(numbers[:, 3:])
+        off = (ndtr((law[..., None] - steps) / blur[..., None]).sum(axis=2) - means) / READING_SIGMA
+        likely = np.minimum(off**2, OFF_SQUARE).sum(axis=1) + squares(numbers, known, expected)
+        logs_of = 0.5 * (squares(numbers, np.linalg.inv(WIDER * covariance), mean) - likely)
+        chance = np.exp(logs_of - logs_of.max())
+        mean, covariance = np.average(numbers, axis=0, weights=chance), np.cov(numbers.T, aweights=chance)
+        covariance += 1e-6 * np.eye(len(mean))
+    law, design = np.exp(mean @ terms(logs)), terms(logs)
+    sigma = np.sqrt(np.einsum("in,ij,jn->n", design, covariance, design))
+    holds = np.abs(law - read) < 0.5 + READING_SIGMA
+    smooth[few] = np.where(holds, law, read)
+    error[few] = np.where(holds, np.minimum(sigma, ROUNDING / np.maximum(law, 0.5)), error[few])
     return smooth, error

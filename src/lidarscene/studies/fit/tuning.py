@@ -21,21 +21,22 @@ the file."""
 ROUNDS = 4
 """Accuracy bought: solutions one after the other; the last one changes by less than a tenth of its sigma."""
 
-FOLLOWED, FAR_SQUARE = 2, 10.0
-"""Accuracy bought: most starts beside the first that are followed, and the mean square of their bins' deviations in
-sigmas, over that of the first end, beyond which none is."""
+SCANNED, MOST_SCANNED, FAR_COST = 12, 40, 30.0
+"""Accuracy bought: values of a parameter at which the others are solved for, at first and at most, and the logarithm of
+the likelihood below the largest at which no minimum is followed."""
 
-LEAST_LIKELY = 0.01
-"""Accuracy bought: least likelihood of another minimum, over that of the best one, for it to be followed further."""
+LIKELY, SMOOTH, FINEST, FINE = 6.0, 1.0, 0.02, 20
+"""Accuracy bought: logarithm of the likelihood below the largest down to which it is summed, its largest and the
+parameter's least difference between two values, and steps in which it is summed there."""
 
-INTERVALS = 3
-"""Accuracy bought: times that an interval beside a step is found, from slopes that reach as far as the one before."""
+ABOUT = (-3.0, -1.5, -0.7, 0.0, 0.7, 1.5, 3.0)
+"""Accuracy bought: places about a minimum, in its standard deviations, at which the likelihood is summed at first."""
 
-STEP_RATIO = 2.0
-"""Choice: ratio of what a law changes by to both sides beyond which it has a step there."""
+PINNED = 1e12
+"""Accuracy bought: information that stands for a parameter whose covariance is told apart."""
 
-SAME_MINIMUM = 0.1
-"""Choice: sigmas of each parameter within which two ends of a solver are one minimum."""
+SLOPE_STEP = 1e-3
+"""Accuracy bought: step of the differences that are the slopes of a law: it is smooth."""
 
 # near_field
 
@@ -82,9 +83,6 @@ LEAST_MISFIT = 0.02
 LEAST_GAIN = 0.2
 """Choice: least share of the error on held-out blocks by which free lenses must lower it, since they have four numbers
 more."""
-
-CURVE_STEP = 1e-3
-"""Accuracy bought: step of the differences that are the slopes of the curve: it is smooth."""
 
 # threshold
 
@@ -152,6 +150,20 @@ NOISE_RANGE_STEP, NOISE_PATCHES = 0.2, 30
 GROUND_COS = 0.95
 """Choice: least cosine between the normals of a pixel's own plane and of the ground's, of a pixel on the ground."""
 
+LAW, LAW_SIGMAS = (1.0, 1.0, 0.0, math.log(0.05)), (3.0, 0.5, 0.3, 0.7)
+"""Choice: numbers of (T185a), the last ln s, before a recording is seen, and their standard deviations. A matt surface
+has 1 for a_1; asphalt of a Pandar64 falls as the cosine to 0.26 at 7 to 30 m and to 1.1 at 30 to 46 m."""
+
+READING_SIGMA, OFF_SQUARE = 0.1, 9.0
+"""Choice: steps by which the mean reading of a ring misses the law, and square of what is of another one."""
+
+RING_STEP, LEAST_OF_RING = 0.02, 20
+"""Choice: width of a ring of the ground in the logarithm of the cosine, and least number of pixels in it."""
+
+LAWS, ADAPTIONS, WIDER = 4000, 5, 2.0
+"""Accuracy bought: laws that are drawn, times that they are drawn, and their variance over that of the likeliest
+before."""
+
 # at_rest
 
 LEAST_STEP_MM = 10.0
@@ -183,17 +195,14 @@ EXCESS_SIGMAS = 4.0
 """Choice: sigmas by which a bin scatters more than a weaker one, from which on it follows another law. Of sixteen bins
 one is taken for such by chance in at most one fit of 260; of three sigmas it was one in seven."""
 
-PIXELS_OF_BIN, READINGS = 200, 5
-"""Accuracy bought: pixels of each bin that are simulated, and readings of each: a scatter is good to 3 %, which is most
-of the intervals of jitters."""
+PIXELS_OF_BIN = 500
+"""Accuracy bought: pixels that stand for those of a bin: their mean square is that of all to 1 %."""
 
 ROUNDING = 12.0**-0.5
 """Source: standard deviation of an even distribution between two whole numbers; what strengths leave open."""
 
 LOG_STEP = 0.1
-"""Accuracy bought: first step of the logarithms of numbers at rest, to both sides. Ranges jump by steps of the clock:
-half of it, to one side, gave slopes that were noise, which counted as information and made intervals up to half as
-wide."""
+"""Choice: distance from a bound, of the logarithm of a number, within which it is not told."""
 
 LEAST_SLOPE = 1.0
 """Choice: least information on a logarithm, one over the square of its standard deviation: a factor of e either way."""
@@ -208,14 +217,9 @@ REST_BOUNDS = {
 }
 """Choice: numbers of the sensor file that frames at rest determine -> least and largest value that is tried."""
 
-LIGHT_STARTS = (1.0, 0.2, 0.3, 0.45, 0.67, 1.5, 2.2, 3.3, 5.0)
-"""Accuracy bought: light that a fit begins at, and its factors from there on (`binned_fit.solve`): strong returns get a
-channel of their own, so that no solver passes a bin's step. Of 0.2 and 5 alone, fits of four of forty twins ended
-beside the truth, one at a chi-square of 87 for 19."""
-
-LIGHT_ERROR = 0.05
-"""Choice: relative error of the light over the noise that all boards have in common: the bins in which the strong
-channel begins tell it by a step, which no slope has. Without, one of six draws without losses was 4.4 sigma off."""
+LIGHT_ERROR = 0.07
+"""Choice: relative error of the light over the noise that all boards have in common. Strengths of the nearest walls are
+up to 15 % off, and the step to the strong channel tells too sharp a light: 7 % low in ten twins at 0.3 of the power."""
 
 STRENGTH_BOUNDS = (0.4, 2.5)
 """Choice: least and largest strength of surfaces of few whole numbers that is tried, over what is taken for it."""
@@ -333,3 +337,27 @@ six ranges of a Livox Avia, day and night, depart from one lidar equation by 9 %
 UNDETERMINED = 0.5
 """Choice: share of what is assumed of a number, in standard deviations of its logarithm, that published ranges must
 not leave open for it to be determined."""
+
+# board_law
+
+POWER_STEP, LENGTHS = 0.5 * math.log(2.0), 2.0 ** np.arange(0.0, 4.01, 0.5)
+"""Accuracy bought: step of the logarithm of the power, and lengths over the pulse's, of the echoes that are read."""
+
+LEAST_MARGIN, LEAST_READ = 0.5, 20
+"""Accuracy bought: least height of these echoes in thresholds, and least number of readings that tell a scatter."""
+
+SMOOTHING = 0.5
+"""Accuracy bought: deviation, in steps, of the mean over neighbouring echoes."""
+
+CLEAR_MARGIN, READINGS = 64.0, (1000, 60)
+"""Accuracy bought: height in thresholds above which the clock scatters ranges more than the noise on an edge does, and
+readings of an echo below and above it. By 200 a light was told 2.7 sigma off that by 1500 was 1.2 sigma off."""
+
+SAMPLES_M = 3.0
+"""Accuracy bought: difference of ranges over which echoes are read, several samples of a converter."""
+
+BEAM_STEP = 0.05
+"""Accuracy bought: step of the logarithm of the beam between which echoes are interpolated: to 3e-4 of their power."""
+
+CLIPS = 5
+"""Accuracy bought: times that what is beyond three sigmas is cut off."""

@@ -187,7 +187,12 @@ def snr(sensor: Sensor, target: Target, range_m: Numbers | float) -> Numbers:
 
 def detection_margin(sensor: Sensor, target: Target, range_m: Numbers | float) -> Numbers:
     """(n,) peak signal over the comparator's level; at 1 the echo is detected half of the time."""
-    _, signal, level = _response(sensor, echoes_of_plane(sensor, target, range_m))
+    return margin_of_light(sensor, echoes_of_plane(sensor, target, range_m))
+
+
+def margin_of_light(sensor: Sensor, light: Echoes) -> Numbers:
+    """(n,) `detection_margin` of these echoes."""
+    _, signal, level = _response(sensor, light)
     return _ratio(signal, level)
 
 
@@ -228,8 +233,16 @@ def expected_probability(
 def detection_probability(sensor: Sensor, target: Target, range_m: Numbers | float) -> Numbers:
     """(n,) P_d with the echo's own shot noise (13): the share that `render` keeps, apart from its window."""
     light = echoes_of_plane(sensor, target, range_m)
+    return probability_of_light(sensor, light, fluctuation_variance(sensor, target, light.range_m))
+
+
+def probability_of_light(sensor: Sensor, light: Echoes, variance: Lanes | None) -> Numbers:
+    """(n,) `detection_probability` of these echoes.
+
+    Args:
+        variance: `fluctuation_variance`
+    """
     point, _, level = _response(sensor, light)
-    variance = fluctuation_variance(sensor, target, light.range_m)
     with np.errstate(over="ignore"):  # exp(-x^2) of a vanishing noise
         return np.asarray(expected_probability(sensor, point, level, light.peak_power_w, variance, light.curvature))
 
