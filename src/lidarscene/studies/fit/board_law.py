@@ -130,7 +130,8 @@ class BoardLaw:
             return BoardNoise(place, square_m2, np.zeros_like(square_m2))
         point = self.sensor.working_point(self.echoes.background_power_w)
         signal = point.response.signal(self.echoes.peak_power_w)
-        width = np.sqrt((0.0 if self.variance is None else self.variance) + (point.noise.at(signal) / signal) ** 2)
+        variance = (0.0 if self.variance is None else self.variance) + (point.noise.at(signal) / signal) ** 2
+        width = np.sqrt(variance + float(self.sensor.tdc.strong_spread or 0.0) ** 2)
         deviate = np.log(margin_of_light(self.sensor, self.echoes) / float(above)) / width
         return BoardNoise(place, square_m2, np.asarray(normal_tail(-_at(deviate.reshape(self.shape), place))))
 
