@@ -318,7 +318,7 @@ def test_without_a_beam_that_the_file_refuses_the_rest_is_fitted(monkeypatch: py
     ) -> Solution:
         for place in bounds[::-1]:
             predict(place)
-        return Solution(value=start, slope=np.eye(len(start)), scores=np.zeros((2, len(start))))
+        return Solution(value=start, slope=4.0 * np.eye(len(start)), scores=np.zeros((2, len(start))))
 
     monkeypatch.setattr(BoardLaw, "noise", looked_up)
     monkeypatch.setattr(at_rest, "solve", try_the_least)
