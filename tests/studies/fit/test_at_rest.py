@@ -318,7 +318,7 @@ def test_without_a_beam_that_the_file_refuses_the_rest_is_fitted(monkeypatch: py
     ) -> Solution:
         for place in bounds[::-1]:
             predict(place)
-        return Solution(value=start, slope=np.eye(len(start)), scores=np.zeros((2, len(start))))
+        return Solution(value=start, slope=4.0 * np.eye(len(start)), scores=np.zeros((2, len(start))))
 
     monkeypatch.setattr(BoardLaw, "noise", looked_up)
     monkeypatch.setattr(at_rest, "solve", try_the_least)
@@ -330,9 +330,10 @@ def test_without_a_beam_that_the_file_refuses_the_rest_is_fitted(monkeypatch: py
     near = np.argmin(np.abs(boards.drawn.mean_m - np.median(boards.pixels.mean_m)))
     widest, most, least = (np.asarray(light.peak_power_w)[near] for light in tried)
     assert most / least == pytest.approx(100.0)
-    # The widest beam lights the place in the middle as the file's does.
-    assert widest / most == pytest.approx(1.0, abs=0.02)
-    assert np.max(np.asarray(tried[0].broadening)) > 5.0
+    # The widest beam, of which the field sees a few per cent, lights the place in the middle much as the file's does.
+    assert 0.5 < widest / most < 2.0
+    longest, of_file = (np.max(np.asarray(light.broadening)) - 1.0 for light in tried[:2])
+    assert longest > 10.0 * of_file
 
 
 def test_beams_between_two_nodes_are_as_their_files_say() -> None:

@@ -23,6 +23,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -421,7 +422,8 @@ def _converter_law(boards: Boards, recorded: Statistics, keys: Sequence[str], te
         target = Target(illuminance_klux=ASSUMED_KLUX)
         heights = [detection_margin(each, target, middle_m).item() for each in (file, sensor)]
         light = boards.light(sensor)
-        return np.log(np.stack([light.peak_power_w * (heights[0] / heights[1]), light.broadening]))
+        power_w = np.asarray(light.peak_power_w) * (heights[0] / heights[1])
+        return np.asarray(np.log(np.stack([power_w, np.asarray(light.broadening)])))
 
     @lru_cache(maxsize=8)
     def noise(log_beam: float | None, log_light: float, log_strength: float) -> BoardNoise:
@@ -435,7 +437,9 @@ def _converter_law(boards: Boards, recorded: Statistics, keys: Sequence[str], te
 
     def expected(logs: Numbers) -> Numbers:
         values = dict(zip(keys, logs.tolist(), strict=True))
-        numbers = {field: scale * math.exp(values[key]) for key, (field, scale) in CLOCK.items() if key in values}
+        numbers: dict[str, Any] = {
+            field: scale * math.exp(values[key]) for key, (field, scale) in CLOCK.items() if key in values
+        }
         of_echoes = noise(values.get(DIVERGENCE), values[LIGHT], values.get(STRENGTH, 0.0))
         return boards.expected(law, of_echoes, replace(file.tdc, **numbers))
 

@@ -113,7 +113,7 @@ def misfit_beyond(residual: Numbers, sigma: Numbers) -> float:
 
 Law = Callable[[Numbers], Numbers]
 
-RULES: Mapping[str, Any] = {"x_scale": "jac", "max_nfev": MOST_STEPS, "xtol": 1e-4, "ftol": 1e-3}
+RULES: Mapping[str, Any] = {"x_scale": "jac", "xtol": 1e-4, "ftol": 1e-3}
 """Accuracy bought: steps of the solver are far below what noise leaves open."""
 
 
@@ -175,6 +175,7 @@ class _Solver:
                 some,
                 lambda of: self.slopes(put(of), root, free),
                 self.bounds[:, free],
+                max_nfev=MOST_STEPS,
                 **RULES,
             )
             return End(put(end.x), end.cost, end.jac, end.status == 0)

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...light.echoes import Echoes
-from ...maths.arrays import Numbers
+from ...maths.arrays import Lanes, Numbers
 from ...maths.special import normal_tail
 from ...physics.constants import SPEED_OF_LIGHT_M_S
 from ...sensor.electronics import Tdc
@@ -73,7 +73,7 @@ class BoardLaw:
     shape: tuple[int, int]
     first: Numbers
     log_square: Numbers
-    variance: Numbers | None
+    variance: Lanes | None
 
     @classmethod
     def of(cls, sensor: Sensor, light: Echoes, most: float = 1.0) -> BoardLaw:
@@ -90,8 +90,9 @@ class BoardLaw:
             row_slope=None,
         )
         lengths = np.log(LENGTHS if light.broadening is not None else LENGTHS[:1])
-        faint = _echoes(middle, np.log(light.peak_power_w[:1]), np.zeros(1))
-        least = math.log(LEAST_MARGIN * faint.peak_power_w[0] / margin_of_light(sensor, faint)[0])
+        first_w = np.asarray(light.peak_power_w)[:1]
+        faint = _echoes(middle, np.log(first_w), np.zeros(1))
+        least = math.log(LEAST_MARGIN * first_w[0] / margin_of_light(sensor, faint)[0])
         powers = np.arange(least, max(least, math.log(most * np.max(light.peak_power_w))) + POWER_STEP, POWER_STEP)
         log_power, log_length = (values.ravel() for values in np.meshgrid(powers, lengths, indexing="ij"))
         echoes = _echoes(middle, log_power, log_length)
@@ -143,7 +144,8 @@ class BoardLaw:
 
     def kept(self, noise: BoardNoise, tdc: Tdc) -> Numbers:
         """(n,) share of the pulses of each echo that are kept."""
-        return np.asarray(1.0 / (1.0 + np.exp(-_at(_kept_logit(self, tdc.chatter_hz), noise.place))))
+        chatter_hz = None if tdc.chatter_hz is None else float(tdc.chatter_hz)
+        return np.asarray(1.0 / (1.0 + np.exp(-_at(_kept_logit(self, chatter_hz), noise.place))))
 
 
 @lru_cache(maxsize=4)

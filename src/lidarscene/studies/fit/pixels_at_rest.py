@@ -179,7 +179,7 @@ def unrounded(strength: Numbers, cos_incidence: Numbers) -> tuple[Numbers, Numbe
         return np.stack([np.ones_like(values), values, values**2, np.zeros_like(values)])
 
     def squares(numbers: Numbers, inverse: Numbers, centre: Numbers) -> Numbers:
-        return np.einsum("ni,ij,nj->n", numbers - centre, inverse, numbers - centre)
+        return np.asarray(np.einsum("ni,ij,nj->n", numbers - centre, inverse, numbers - centre))
 
     expected, known = np.array(LAW), np.diag(np.array(LAW_SIGMAS) ** -2.0)
     steps, design, weight = np.arange(0.5, LEAST_STEPS + 1.0), terms(of_ring), (np.maximum(means, 0.5) / ROUNDING) ** 2
