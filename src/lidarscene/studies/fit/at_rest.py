@@ -463,7 +463,7 @@ def _determined(keys: tuple[str, ...], solved: Solution, bounds: Numbers) -> Law
     apart = 0.0 if solved.held_covariance is None else np.diag(solved.held_covariance)
     silent = np.diag(solved.slope) < LEAST_SLOPE * (1.0 + apart * np.diag(solved.slope))
     reasons = {
-        key: "nothing that was recorded depends on it"
+        key: "nothing that was recorded depends on it, or other numbers make up for it"
         if quiet
         else f"{'below' if value < middle else 'above'} {math.exp(value):.3g}, if there is any"
         for key, value, middle, quiet, ends in zip(

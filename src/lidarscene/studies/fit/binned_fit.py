@@ -123,7 +123,7 @@ class End(NamedTuple):
     Attributes:
         place: (p,) parameters
         cost: half of the sum of the squares
-        jacobian: (k, q) slopes of the residuals by the q parameters that were free
+        jacobian: (k + q, q) slopes of the residuals by the q parameters that were free, and of what their bounds say
         at_limit: True if it stopped at its largest number of steps
     """
 
@@ -134,8 +134,8 @@ class End(NamedTuple):
 
     @property
     def covariance(self) -> Numbers:
-        """(q, q) covariance of the free parameters; large where nothing is known."""
-        return np.linalg.inv(self.jacobian.T @ self.jacobian + 1e-9 * np.eye(self.jacobian.shape[1]))
+        """(q, q) covariance of the free parameters; where nothing is known, that of an even spread over the bounds."""
+        return np.linalg.inv(self.jacobian.T @ self.jacobian)
 
 
 class _Solver:
@@ -178,7 +178,9 @@ class _Solver:
                 max_nfev=MOST_STEPS,
                 **RULES,
             )
-            return End(put(end.x), end.cost, end.jac, end.status == 0)
+            # Else the likelihood of a light at which a number says nothing would have no end.
+            even = np.diag(math.sqrt(12.0) / np.ptp(self.bounds[:, free], axis=0))
+            return End(put(end.x), end.cost, np.vstack([end.jac, even]), end.status == 0)
 
         end = end_from(place[free])
         silent = np.sum(end.jacobian**2, axis=0) < LEAST_SLOPE
