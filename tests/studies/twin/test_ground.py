@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers.twins import towards
 
-from lidarscene.studies.twin.ground import farthest_ground_m, ground_plane
+from lidarscene.studies.twin.ground import farthest_ground_m, ground_plane, leaning_as_ground
 
 HEIGHT_M = 1.8
 
@@ -51,3 +51,13 @@ def test_what_is_near_the_plane_is_ground_more_so_far_away() -> None:
     near, far = np.array([[50.0, 0.0, -1.67]]), np.array([[60.0, 0.0, -1.6]])
     farthest = [farthest_ground_m(np.concatenate([plane, np.repeat(point, 10, axis=0)])) for point in (near, far)]
     assert farthest == [pytest.approx(np.linalg.norm(near)), pytest.approx(np.linalg.norm(plane, axis=1).max())]
+
+
+def test_what_leans_much_otherwise_or_runs_along_the_ground_keeps_its_normal() -> None:
+    """The ground rises by 0.1: a normal 5 degrees off becomes its own, one 25 degrees off or of a level beam stays."""
+    upward = np.array([-0.1, 0.0, 1.0]) / np.hypot(0.1, 1.0)
+    tilted = [np.array([np.sin(angle), 0.0, np.cos(angle)]) for angle in np.radians([-10.7, 19.3, -10.7])]
+    down, along = np.array([0.0, 0.6, -0.8]), np.array([0.0, 1.0, 0.0])
+    leaning = leaning_as_ground(np.array([-1.8, 0.1, 0.0]), np.array(tilted), np.array([down, down, along]))
+    np.testing.assert_allclose(leaning, [upward, tilted[1], tilted[2]], atol=1e-12)
+    np.testing.assert_array_equal(leaning_as_ground(None, np.array(tilted), np.array([down] * 3)), tilted)

@@ -18,7 +18,7 @@ from ...sensor.sensor_model import Sensor
 from ..ranging.plane import Target
 from ..twin.apparent_reflectivity import ReflectivityGauge, board
 from ..twin.frame_poses import is_at_rest
-from ..twin.ground import ground_plane
+from ..twin.ground import ground_plane, leaning_as_ground
 from ..twin.matched_pulses import strength_of
 from ..twin.planes import align_columns, fit_planes
 from ..twin.reading_noise import lean_of
@@ -26,7 +26,6 @@ from ..twin.tuning import LEAST_COS, WHOLE_FRAME
 from .recorded_pulses import BLOCK_COLUMNS, fitted_blocks
 from .tuning import (
     ADAPTIONS,
-    GROUND_COS,
     LAW,
     LAW_SIGMAS,
     LAWS,
@@ -105,12 +104,8 @@ def pixels_at_rest(sweeps: Sequence[Sweep], sensor: Sensor) -> PixelsAtRest | No
     grid = align_columns(replace(first, column=np.arange(first.range_m.size).reshape(first.shape)))
     order = grid.sweep.column
     assert order is not None
-    planes, ground = fit_planes(grid), ground_plane(first.xyz_m[first.has_return])
-    normal, direction = planes.normal, grid.sweep.direction
-    if ground is not None:
-        # Seen flat, a plane through a few rings leans by chance as much as the ground does: all of it leans as one.
-        upward = np.array([-ground[1], -ground[2], 1.0]) / np.linalg.norm([*ground[1:], 1.0])
-        normal = np.where((normal @ upward > GROUND_COS)[..., None], upward, normal)
+    planes, direction = fit_planes(grid), grid.sweep.direction
+    normal = leaning_as_ground(ground_plane(first.xyz_m[first.has_return]), planes.normal, direction)
     cos = -np.einsum("...i,...i", normal, direction)
     usable = grid.sweep.has_return & planes.smooth(0.5) & planes.has_plane & (cos > LEAST_COS)
     usable &= np.logical_and.reduce([frame.recorded.ravel()[order] for frame in frames])

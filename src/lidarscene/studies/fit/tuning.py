@@ -147,9 +147,6 @@ NOISE_RANGE_STEP, NOISE_PATCHES = 0.2, 30
 
 # pixels_at_rest
 
-GROUND_COS = 0.95
-"""Choice: least cosine between the normals of a pixel's own plane and of the ground's, of a pixel on the ground."""
-
 LAW, LAW_SIGMAS = (1.0, 1.0, 0.0, math.log(0.05)), (3.0, 0.5, 0.3, 0.7)
 """Choice: numbers of (T185a), the last ln s, before a recording is seen, and their standard deviations. A matt surface
 has 1 for a_1; asphalt of a Pandar64 falls as the cosine to 0.26 at 7 to 30 m and to 1.1 at 30 to 46 m."""

@@ -5,12 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from ...maths.arrays import Numbers
+from .tuning import LEAST_COS
 
 GROUND_NEAR_M = 25.0
 """Choice: farthest points to which the ground's plane is fitted, so that a slope or a hill does not tilt it."""
 
 LEAST_GROUND = 100
 """Fewest points that make a plane."""
+
+GROUND_COS = 0.95
+"""Choice: least cosine between the normals of a pixel's own plane and of the ground's, of a pixel on the ground."""
 
 
 def farthest_ground_m(xyz_m: Numbers) -> float | None:
@@ -47,6 +51,21 @@ def ground_plane(xyz_m: Numbers) -> Numbers | None:
         design = np.column_stack([np.ones(len(chosen)), chosen[:, :2]])
         plane = np.linalg.lstsq(design, chosen[:, 2], rcond=None)[0]
     return plane
+
+
+def leaning_as_ground(plane: Numbers | None, normal: Numbers, direction: Numbers) -> Numbers:
+    """Normals (..., 3), with the ground's own in place of all within `GROUND_COS` of it; None: there is no ground.
+
+    Seen flat, a plane through a few rings leans by chance as much as the ground does: all of it leans as one.
+
+    Args:
+        direction: (..., 3) beams; one that runs along the ground or away from it keeps its normal
+    """
+    if plane is None:
+        return normal
+    upward = np.array([-plane[1], -plane[2], 1.0]) / np.linalg.norm([*plane[1:], 1.0])
+    is_ground = (normal @ upward > GROUND_COS) & (-direction @ upward > LEAST_COS)
+    return np.where(is_ground[..., None], upward, normal)
 
 
 def height_above(plane: Numbers, xyz_m: Numbers) -> Numbers:

@@ -26,6 +26,7 @@ from .apparent_reflectivity import (
     white_signal,
     withheld_mask,
 )
+from .ground import leaning_as_ground
 from .planes import Grid, Planes, angles_from, finite_median, fit_planes, median_around
 from .reading_noise import surface_without_noise
 from .tuning import (
@@ -104,6 +105,7 @@ def surfels_of_grid(
     """
     sweep, planes = grid.sweep, fit_planes(grid)
     returned, smooth = sweep.has_return, planes.smooth()
+    leaning = leaning_as_ground(ground, planes.normal, sweep.direction)
     apparent = _apparent(grid, gauge, planes)
     range_m = np.where(planes.has_plane, planes.range_m, sweep.range_m)
     if sensor is not None:
@@ -113,19 +115,19 @@ def surfels_of_grid(
     borders = _borders(grid, border)
     ends = np.where(ends_left, EDGE, borders[0]), np.where(ends_right, -EDGE, borders[1])
     filled = sweep.lost & planes.has_plane & ~withheld_mask(sweep)
-    parts = [_quads(grid, filled, range_m, planes.normal, apparent, FILLED)]
-    sides: list[tuple[Numbers, tuple[Numbers | float, Numbers | float]]] = [(planes.normal, ends)]
+    parts = [_quads(grid, filled, range_m, leaning, apparent, FILLED)]
+    sides: list[tuple[Numbers, tuple[Numbers | float, Numbers | float]]] = [(leaning, ends)]
     if border > 0.0:
-        left, right = (_leaning(grid, range_m, planes.normal, side) for side in (1, -1))
+        left, right = (_leaning(grid, range_m, leaning, side) for side in (1, -1))
         sides = [(left, (ends[0], -OVERLAP)), (right, (OVERLAP, ends[1]))]
     for (normal, span), (mask, kind) in itertools.product(sides, ((smooth, SMOOTH), (~smooth, ROUGH))):
         parts.append(_quads(grid, returned & mask & ~two_returns, range_m, normal, apparent, kind, span=span))
     for side, end in ((1, ends_left), (-1, ends_right)):
         faded = 0.5 * (apparent + np.fmin(apparent, _neighbour_bound(grid, gauge, range_m, side)))
         beyond_span = (2.0 - EDGE, EDGE) if side > 0 else (-EDGE, EDGE - 2.0)
-        parts.append(_quads(grid, end, range_m, planes.normal, faded, ROUGH, span=beyond_span))
+        parts.append(_quads(grid, end, range_m, leaning, faded, ROUGH, span=beyond_span))
     if two_returns.any():
-        parts += _two_return_quads(grid, two_returns, range_m, planes.normal, gauge, borders)
+        parts += _two_return_quads(grid, two_returns, range_m, leaning, gauge, borders)
     if ground is not None:
         parts.append(_ground(grid, planes, apparent, ground, gauge))
     return join_surfels(parts)
