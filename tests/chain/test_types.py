@@ -85,7 +85,8 @@ def test_numbers_of_stages_are_never_given_out_again() -> None:
     numbers = " ".join(f"{stage.name} {stage.value}" for stage in random.Stage)
     assert numbers == (
         "EDGE_NOISE 1 FALSE_ALARM 2 TDC_JITTER 3 POINTING 4 TRAILING_EDGE 5 SAMPLES 6 INTERFERENCE 8 AMBIENT 9 "
-        "PARTICLES 11 GAPS 12 HISTOGRAM 16 THRESHOLD 17 FLUCTUATION 25 COLUMN_NOISE 26 CHATTER 27"
+        "PARTICLES 11 GAPS 12 HISTOGRAM 16 THRESHOLD 17 FLUCTUATION 25 COLUMN_NOISE 26 CHATTER 27 "
+        "STRONG_CHANNEL 28"
     )
 
 
