@@ -86,6 +86,9 @@ PARSED_ONLY = {
             '--scene-set "picture.eye_m=[-22, 5, 13]"'
         ),
     ),
+    "tests/scene/street/test_networks.py::test_the_vehicle_of_a_map_keeps_to_its_side": (
+        "street --osm london.osm --left-hand -o out/london",
+    ),
     "tests/scene/street/test_networks.py::test_a_road_of_opendrive_is_where_its_geometry_says": (
         "street --opendrive town.xodr --seed 3 -o out/town",
     ),
