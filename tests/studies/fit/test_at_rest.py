@@ -63,6 +63,10 @@ def unit(text: str, **values: float) -> str:
     return put_changes(text, at_rest_changes({key.replace("__", "."): (value, "") for key, value in values.items()}))
 
 
+# Beam and chatter of the file are other ones than `TRUTH`'s, whatever the catalogue has.
+PANDAR = unit(PANDAR, laser__divergence_mrad=4.2, tdc__chatter_mhz=275.0)
+
+
 def pixels(seed: int, *, number: int = 9000, frames: int = 4, steepest: float = 40.0) -> PixelsAtRest:
     """Boards of any range, strength and lean, without readings; a quarter is near and bright."""
     rng = np.random.default_rng(seed)
