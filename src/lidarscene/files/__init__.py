@@ -17,6 +17,7 @@ attributes    attributes that an object lacks, with what does it
 late_binding  functions of higher tiers that methods of lower ones call
 optional      optional packages, or what to install
 open3d        Open3D
+trimesh       trimesh, imported so that Ctrl-C is heard
 pvlib         pvlib: standard spectra, position of the sun
 encodings/    CSV with a line of names, PNG, types of PLY, Protocol Buffers
 """

@@ -6,7 +6,8 @@ threshold             chance of a return over SIGNAL and NEAR_IR: floor, slope, 
 scatter               scatter of the range over SIGNAL: c and floor
 row_gains             gains of the rows
 pixels_at_rest        pixels of frames of a sensor at rest, on surfaces whose lean is known
-at_rest               their noise and losses: energy, jitter, beam on slopes, chatter, columns that share noise
+board_law             what a sensor reads of boards, without chance, over power and length of the echo
+at_rest               noise and losses at rest: energy, jitter, beam on slopes, chatter, columns that share noise
 tuning                numbers of the fit that no source gives, and what each is worth
 estimates             Fisher matrix, block bootstrap
 products              products of a sensor file's numbers that are known, and directions that are not
