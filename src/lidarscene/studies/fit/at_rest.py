@@ -51,6 +51,7 @@ from .tuning import (
     CLIPS,
     DITHER,
     EXCESS_SIGMAS,
+    HEIGHT_PARTS,
     LEAST_BROADENING,
     LEAST_LEAN_M,
     LEAST_OF_BIN,
@@ -135,19 +136,27 @@ class Boards:
     lean_m: Numbers
 
     @classmethod
-    def of(cls, pixels: PixelsAtRest, sensor: Sensor) -> Boards:
-        """Sort pixels by octaves of the lean and of the height in thresholds."""
+    def of(cls, pixels: PixelsAtRest, sensor: Sensor, parts: int = 1) -> Boards:
+        """Sort pixels by octaves of the lean and of the height in thresholds.
+
+        Args:
+            parts: largest number of parts into which a bin is cut by the height, where enough pixels are in each
+        """
         height = np.maximum(detection_margin(sensor, pixels.board, pixels.mean_m), 0.25)
         keys = np.log2([np.maximum(pixels.lean_m, LEAST_LEAN_M), height])
-        members = [chosen for chosen, _ in bins_of_pixels(keys, changes_m(pixels.range_m))]
+        members: list[Numbers] = []
+        for chosen, _ in bins_of_pixels(keys, changes_m(pixels.range_m)):
+            number = min(max(len(chosen) // (2 * LEAST_OF_BIN), 1), parts)
+            members += np.array_split(chosen[np.argsort(height[chosen])], number)
         # In order of what makes a range scatter, so that the few that stand for all are as different as these.
         order, drawn = 2.0 * keys[0] - keys[1], [np.zeros(0, int)]
         for chosen in members:
-            places = np.linspace(0, len(chosen) - 1, min(len(chosen), PIXELS_OF_BIN)).round().astype(int)
+            few = min(len(chosen), PIXELS_OF_BIN)
+            places = ((np.arange(few) + 0.5) * len(chosen) / few).astype(int)
             drawn.append(chosen[np.argsort(order[chosen])[places]])
-        few = pixels.select(np.concatenate(drawn))
         first = np.cumsum([len(chosen) for chosen in drawn])[:-1]
-        return cls(pixels=pixels, members=members, drawn=few, first=first, lean_m=few.lean_m)
+        standing = pixels.select(np.concatenate(drawn))
+        return cls(pixels=pixels, members=members, drawn=standing, first=first, lean_m=standing.lean_m)
 
     def recorded(self) -> Statistics:
         """Logarithm of the mean square of ranges, then the share kept after the first frame, of each bin."""
@@ -166,21 +175,23 @@ class Boards:
     def expected(self, law: BoardLaw, noise: BoardNoise, tdc: Tdc) -> Numbers:
         """What `recorded` is to be of a sensor with this clock."""
         counts = np.diff([*self.first, len(self.lean_m)])
-        squares = _clipped_squares(law.squares_m2(noise, tdc), self.first, counts)
+        squares = _clipped_squares(*law.squares_m2(noise, tdc), self.first, counts)
         return np.concatenate([np.log(squares), np.add.reduceat(law.kept(noise, tdc), self.first) / counts])
 
 
-def _clipped_squares(squares_m2: Numbers, first: Numbers, counts: Numbers) -> Numbers:
-    """Means over bins of the `pixel_squares` of `changes_m` that are normal with these mean squares, (n,)."""
+def _clipped_squares(squares_m2: Numbers, chances: Numbers, first: Numbers, counts: Numbers) -> Numbers:
+    """Means over bins of the `pixel_squares` of `changes_m`: (3, n) normal ones with these mean squares and chances."""
     from scipy.special import erf
 
     sigma_m, most_m = np.sqrt(squares_m2), SAME_SURFACE_M / math.sqrt(2.0)
-    end = most_m / sigma_m
+    end_m: Numbers | float = most_m
     for _ in range(CLIPS):
-        share = erf(end / math.sqrt(2.0))
-        squares = squares_m2 * (share - math.sqrt(2.0 / math.pi) * end * np.exp(-0.5 * end**2))
+        end = end_m / sigma_m
+        shares = erf(end / math.sqrt(2.0))
+        squares = np.sum(chances * squares_m2 * (shares - math.sqrt(2.0 / math.pi) * end * np.exp(-0.5 * end**2)), 0)
+        share = np.sum(chances * shares, axis=0)
         scatter_m = np.sqrt(np.add.reduceat(squares, first) / np.add.reduceat(share, first)) / CLIPPED_DEVIATION
-        end = np.minimum(np.repeat(CLIP_SIGMAS * scatter_m, counts), most_m) / sigma_m
+        end_m = np.minimum(np.repeat(CLIP_SIGMAS * scatter_m, counts), most_m)
     return np.asarray(np.add.reduceat(squares / share, first) / counts / CLIPPED_DEVIATION**2)
 
 
@@ -366,7 +377,7 @@ def _converter(pixels: PixelsAtRest, text: str, where: str) -> Law:
     Beam, chatter and light make up for each other, so all are fitted: what is told of one holds for any of the others.
     """
     sensor = parse_sensor(text, where)
-    boards = Boards.of(pixels, sensor)
+    boards = Boards.of(pixels, sensor, HEIGHT_PARTS)
     if len(boards.members) < LEAST_BINS:
         return (), None, dict.fromkeys((*CONVERTER, LIGHT), "too few smooth surfaces of different strength and lean")
     recorded = boards.recorded()

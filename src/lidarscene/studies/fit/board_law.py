@@ -6,8 +6,9 @@ Every other echo lies between them. So a law of these readings is smooth, and no
 .. math:: \sigma_R^2 = \sigma_\mathrm{edge}^2 + \tfrac{c^2}{4} \left((1 - p)\, j^2 + p\, j_s^2
     + \tfrac{\mathrm{lsb}^2}{12}\right) + (\theta R \tan\beta)^2 \tag{T185c}
 
-Symbols: p probability that an echo is timed by the channel of strong ones, j and j_s its jitters, lsb step of the
-clock, theta deviation of a beam from its direction, beta incidence.
+Symbols: p probability that an echo is timed by the channel of strong ones, j and j_s the jitters without and with it,
+lsb step of the clock, theta deviation of a beam from its direction, beta incidence. A change between two readings is
+normal with that of none, one or both of them in this channel.
 """
 
 from __future__ import annotations
@@ -136,11 +137,17 @@ class BoardLaw:
         deviate = np.log(margin_of_light(self.sensor, self.echoes) / float(above)) / width
         return BoardNoise(place, square_m2, np.asarray(normal_tail(-_at(deviate.reshape(self.shape), place))))
 
-    def squares_m2(self, noise: BoardNoise, tdc: Tdc) -> Numbers:
-        """(n,) mean square of the range of each echo with this clock, (T185c)."""
+    def squares_m2(self, noise: BoardNoise, tdc: Tdc) -> tuple[Numbers, Numbers]:
+        """(3, n) mean squares of the change of an echo's range over root 2 with this clock, (T185c), and their chances.
+
+        Of a pair of echoes none, one or both are timed by the channel of strong ones.
+        """
         weak_s2, strong_s2 = (float(jitter_s or 0.0) ** 2 for jitter_s in (tdc.jitter_s, tdc.strong_jitter_s))
-        clock_s2 = weak_s2 + noise.strong * (strong_s2 - weak_s2) + float(tdc.least_significant_bit_s) ** 2 / 12.0
-        return np.asarray(noise.square_m2 + (0.5 * SPEED_OF_LIGHT_M_S) ** 2 * clock_s2)
+        pairs_s2 = np.array([weak_s2, 0.5 * (weak_s2 + strong_s2), strong_s2])[:, None]
+        clock_s2 = pairs_s2 + float(tdc.least_significant_bit_s) ** 2 / 12.0
+        weak = 1.0 - noise.strong
+        chances = np.stack([weak**2, 2.0 * weak * noise.strong, noise.strong**2])
+        return noise.square_m2 + (0.5 * SPEED_OF_LIGHT_M_S) ** 2 * clock_s2, chances
 
     def kept(self, noise: BoardNoise, tdc: Tdc) -> Numbers:
         """(n,) share of the pulses of each echo that are kept."""
