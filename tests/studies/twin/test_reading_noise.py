@@ -15,6 +15,7 @@ from lidarscene.studies.twin import reading_noise
 from lidarscene.studies.twin.apparent_reflectivity import white_signal
 from lidarscene.studies.twin.planes import align_columns, fit_planes
 from lidarscene.studies.twin.reading_noise import INDEPENDENT, LAGS, ReadingNoise, surface_without_noise, without_noise
+from lidarscene.studies.twin.surfels import SMOOTH, surfels_of_grid
 from lidarscene.studies.twin.tuning import MOST_BEAM_M
 
 SHAPE = (16, 1024)
@@ -89,8 +90,12 @@ def test_a_sensor_that_sees_hardly_any_of_the_boards_says_no_noise() -> None:
 
 @pytest.mark.parametrize(("off_cm", "least_m", "most_m"), [(4.0, 0.05, MOST_BEAM_M), (6.0, 0.0, 0.0)])
 def test_a_return_far_off_its_plane_along_the_beam_stands_on_it(off_cm: float, least_m: float, most_m: float) -> None:
-    """Ground that is seen flat: 4 and 6 cm off the plane are 0.15 and 0.23 m along the beam, and no noise."""
+    """Ground that is seen flat: 4 and 6 cm off the plane are 0.15 and 0.23 m along the beam, and no noise.
+
+    It is no longer a pixel of the smooth surface, and it alone.
+    """
     sensor, grid = load_sensor("os0-128"), align_columns(room_sweep())
+    smooth_before = int(np.sum(surfels_of_grid(grid, None, None, sensor=sensor).kind == SMOOTH))
     planes = fit_planes(grid)
     flat = planes.has_plane & (np.abs(planes.normal[..., 2]) > 0.999) & (grid.sweep.range_m > 6.0)
     row, column = np.argwhere(flat)[len(np.argwhere(flat)) // 2]
@@ -98,8 +103,10 @@ def test_a_return_far_off_its_plane_along_the_beam_stands_on_it(off_cm: float, l
     range_m[row, column] -= 0.01 * off_cm / -float(grid.sweep.direction[row, column] @ planes.normal[row, column])
     grid = replace(grid, sweep=replace(grid.sweep, range_m=range_m))
     planes = fit_planes(grid)
-    kept_m, _ = surface_without_noise(sensor, grid, planes, np.full(range_m.shape, 0.3))
-    assert planes.has_plane[row, column]
+    kept_m, _, smooth = surface_without_noise(sensor, grid, planes, np.full(range_m.shape, 0.3))
+    assert planes.smooth()[row, column]
+    assert not smooth[row, column]
+    assert np.sum(surfels_of_grid(grid, None, None, sensor=sensor).kind == SMOOTH) == smooth_before - 1
     assert planes.range_m[row, column] - range_m[row, column] > MOST_BEAM_M
     assert least_m <= planes.range_m[row, column] - kept_m[row, column] <= most_m
 
@@ -108,7 +115,7 @@ def test_a_corner_stays_where_it_was_recorded() -> None:
     """The plane of a pixel in a corner of the room is that of neither wall, 0.1 m and more from it along the beam."""
     grid = align_columns(room_sweep())
     planes = fit_planes(grid)
-    kept_m, _ = surface_without_noise(load_sensor("os0-128"), grid, planes, np.full(grid.sweep.range_m.shape, 0.3))
+    kept_m, *_ = surface_without_noise(load_sensor("os0-128"), grid, planes, np.full(grid.sweep.range_m.shape, 0.3))
     off = planes.has_plane & ~planes.smooth() & (np.abs(planes.range_m - grid.sweep.range_m) > 0.1)
     assert off.sum() > 100
     np.testing.assert_allclose(kept_m[off], grid.sweep.range_m[off], atol=5e-3)

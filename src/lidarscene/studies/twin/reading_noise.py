@@ -107,8 +107,13 @@ def read_boards(sensor: Sensor, light: Echoes, variance: Lanes | None, seed: int
         return np.where(read, np.stack([np.asarray(stop.range_m), np.log(np.asarray(strength))]), np.nan)
 
 
-def surface_without_noise(sensor: Sensor, grid: Grid, planes: Planes, apparent: Numbers) -> tuple[Numbers, Numbers]:
-    """Ranges and apparent reflectivities of a sweep whose returns lack the noise of their readings.
+def surface_without_noise(
+    sensor: Sensor, grid: Grid, planes: Planes, apparent: Numbers
+) -> tuple[Numbers, Numbers, Numbers]:
+    """Ranges and apparent reflectivities of a sweep whose returns lack the noise of their readings; which are smooth.
+
+    Smooth are the returns of smooth planes within `MOST_BEAM_M` of them along the beam: paint or a kerb in the beam
+    moves the others, as no surface of one pixel does.
 
     Args:
         sensor: the sensor that recorded
@@ -118,17 +123,18 @@ def surface_without_noise(sensor: Sensor, grid: Grid, planes: Planes, apparent: 
     measured_m = np.where(returned, grid.sweep.range_m, np.nan)
     noise = ReadingNoise.of(sensor, measured_m, apparent, grid.step_rad)
     if noise is None:
-        return np.where(planes.has_plane, planes.range_m, grid.sweep.range_m), apparent
+        return np.where(planes.has_plane, planes.range_m, grid.sweep.range_m), apparent, planes.smooth()
     range_sigma_m = np.hypot(
         _noise_on_planes(noise.range_m, apparent, sensor, grid, planes), pointing_noise_m(sensor, _lean_m(grid, planes))
     )
     off_m = without_noise(measured_m - flat_m, range_sigma_m, noise.correlation)
     # On ground that is seen flat a pixel may be near its plane and metres off along the beam. Quads out there would
     # stand before their neighbours, as a second surface. A corner's plane is that of neither side: pixels stay there.
-    kept = np.where(planes.smooth(), np.clip(2.0 - np.abs(off_m) / MOST_BEAM_M, 0.0, 1.0), 1.0)
-    range_m = flat_m + kept * off_m
+    smooth, share = planes.smooth(), np.clip(2.0 - np.abs(off_m) / MOST_BEAM_M, 0.0, 1.0)
+    range_m = flat_m + np.where(smooth, share, 1.0) * off_m
     log_apparent = without_noise(np.where(returned, np.log(apparent), np.nan), noise.log_strength, INDEPENDENT)
-    return np.where(returned, range_m, planes.range_m), np.where(returned, np.exp(log_apparent), apparent)
+    apparent = np.where(returned, np.exp(log_apparent), apparent)
+    return np.where(returned, range_m, planes.range_m), apparent, smooth & (share == 1.0)
 
 
 def _noise_on_planes(level_m: Numbers, apparent: Numbers, sensor: Sensor, grid: Grid, planes: Planes) -> Numbers:

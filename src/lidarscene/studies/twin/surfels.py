@@ -109,7 +109,7 @@ def surfels_of_grid(
     apparent = _apparent(grid, gauge, planes)
     range_m = np.where(planes.has_plane, planes.range_m, sweep.range_m)
     if sensor is not None:
-        range_m, apparent = surface_without_noise(sensor, grid, planes, apparent)
+        range_m, apparent, smooth = surface_without_noise(sensor, grid, planes, apparent)
     two_returns = _two_returns(grid)
     ends_left, ends_right = (_surface_ends(grid, side) & returned & ~two_returns for side in (1, -1))
     borders = _borders(grid, border)
