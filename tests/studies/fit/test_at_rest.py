@@ -443,6 +443,32 @@ def test_pixels_are_the_same_in_all_turns_and_know_their_lean(turns: tuple[str, 
     assert pixels_at_rest([sweeps[0], moved], sensor) is None
 
 
+def test_ground_that_paint_moves_along_the_beam_is_left_out(turns: tuple[str, list[Sweep]]) -> None:
+    """A few pixels of the road return 0.25 m nearer in all turns, the others stay.
+
+    Rationale: outdoors a beam of 4.8 mrad and a chatter of 270 MHz were fitted through paint and kerbs; without them it
+    was 5.9 and 218, where the catalogue has 6.0 and 212.
+    """
+    sensor = parse_sensor(turns[0], "base")
+    grids = [on_grid(sweep, sensor.scanner) for sweep in turns[1]]
+    seen = pixels_at_rest(grids, sensor)
+    assert seen is not None
+    road = np.isclose(seen.cos_incidence * seen.mean_m, 1.8, atol=0.02) & np.isfinite(seen.range_m).all(axis=0)
+    few = np.flatnonzero(road & (seen.lean_m > 50.0))[::40]
+    assert len(few) > 5
+    moved = [
+        replace(grid, range_m=np.where(np.isin(grid.range_m, found_m[few]), grid.range_m - 0.25, grid.range_m))
+        for grid in grids
+        for found_m in seen.range_m
+        if np.isin(found_m[few], grid.range_m).all()
+    ]
+    assert len(moved) == len(grids)
+    rest = pixels_at_rest(moved, sensor)
+    assert rest is not None
+    assert not np.isin(rest.range_m, seen.range_m[:, few] - 0.25).any()
+    assert len(rest.block) > 0.97 * len(seen.block)
+
+
 def test_reflectivities_are_no_photons(turns: tuple[str, list[Sweep]]) -> None:
     """Rationale: an Ouster's REFLECTIVITY was fitted as its photons where SIGNAL was not recorded."""
     base, sweeps = turns

@@ -22,7 +22,7 @@ from ..twin.ground import ground_plane, leaning_as_ground
 from ..twin.matched_pulses import strength_of
 from ..twin.planes import align_columns, fit_planes
 from ..twin.reading_noise import lean_of
-from ..twin.tuning import LEAST_COS, WHOLE_FRAME
+from ..twin.tuning import LEAST_COS, MOST_BEAM_M, WHOLE_FRAME
 from .recorded_pulses import BLOCK_COLUMNS, fitted_blocks
 from .tuning import (
     ADAPTIONS,
@@ -42,6 +42,8 @@ from .tuning import (
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PixelsAtRest:
     """n pixels on smooth surfaces that returned in the first and fullest frame, over all frames at rest.
+
+    Their mean ranges are within `MOST_BEAM_M` of the surface.
 
     Attributes:
         range_m: (frames, n) NaN where nothing came back
@@ -109,10 +111,12 @@ def pixels_at_rest(sweeps: Sequence[Sweep], sensor: Sensor) -> PixelsAtRest | No
     cos = -np.einsum("...i,...i", normal, direction)
     usable = grid.sweep.has_return & planes.smooth(0.5) & planes.has_plane & (cos > LEAST_COS)
     usable &= np.logical_and.reduce([frame.recorded.ravel()[order] for frame in frames])
+    all_m = np.stack([frame.range_m.ravel()[order] for frame in frames])
+    # Paint or a kerb in the beam moves a return along it, and loses some, as no board does.
+    usable[usable] = np.abs(np.nanmean(all_m[:, usable], axis=0) - planes.range_m[usable]) < MOST_BEAM_M
     if not usable.any():
         return None
-    chosen = order[usable]
-    range_m = np.stack([frame.range_m.ravel()[chosen] for frame in frames])
+    chosen, range_m = order[usable], all_m[:, usable]
     strengths = [strength_of(frame) if sensor.histogram is None else frame.signal for frame in frames]
     strength = (
         None
