@@ -60,9 +60,9 @@ def test_few_lone_echoes_say_nothing() -> None:
     assert fit_lone_factor(lone_pulses(2.0, 2e-4), LAW) is None
 
 
-def surface_pulses(least: float, spread: float, filter_sigma: float) -> RecordedPulses:
+def surface_pulses(least: float, spread: float, filter_sigma: float, seed: int = 9) -> RecordedPulses:
     """A wall, of which three of ten pulses are near the threshold, (T111) typed out with the filter's own scatter."""
-    random = np.random.default_rng(9)
+    random = np.random.default_rng(seed)
     weak = np.exp(random.uniform(math.log(0.2), math.log(1.5), SHAPE))
     ratio = np.where(random.random(SHAPE) < 0.3, weak, 4.0)
     output = ratio + filter_sigma * random.standard_normal(SHAPE)
@@ -91,12 +91,13 @@ def test_least_threshold(least: float, spread: float) -> None:
 def test_a_threshold_without_an_end_has_no_least() -> None:
     """Rationale: the least of many returns is always somewhere; only a likelihood knows a law that ends there.
 
-    A difference of ln L by two sigma comes by chance in 1 of 20, so a least one may be said, and is far down then.
+    A difference of ln L by two sigma comes by chance in 1 of 20, so of eight walls one may have a least one: four of
+    them do in one of 2000 runs.
     """
     sensor = load_sensor("os1-128")
     filter_sigma = math.sqrt(filter_variance(sensor, photons=MEDIAN, near_ir=NEAR_IR)) / MEDIAN
-    estimate = fit_least(surface_pulses(1e-6, 0.3, filter_sigma), LAW, sensor, 0.3)
-    assert estimate is None or estimate.value < 0.45
+    estimates = [fit_least(surface_pulses(1e-6, 0.3, filter_sigma, seed), LAW, sensor, 0.3) for seed in range(8)]
+    assert sum(estimate is not None for estimate in estimates) < 4
 
 
 def test_chances_by_draws() -> None:
