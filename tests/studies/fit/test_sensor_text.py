@@ -87,6 +87,19 @@ def test_what_is_known_to_30_per_cent_is_written(sigma: float, is_written: bool)
 
 
 @pytest.mark.parametrize(("sigma", "is_written"), [(0.29, True), (0.31, False)])
+def test_photons_that_weak_returns_share_are_written_where_the_file_has_them(sigma: float, is_written: bool) -> None:
+    """Columns of a sensor of revision 7 share no more of weak returns, and its notes do not say so."""
+    text, notes = fit_text(TEXT, estimate("column_photons", 105.0, sigma))
+    histogram = parse_sensor(text, "after").histogram
+    assert histogram is not None
+    assert (histogram.column_photons == 105.0) is is_written
+    assert ("drawn; scatter of weak returns" in text) is is_written
+    assert any("column_photons is left as it was" in note for note in notes) is not is_written
+    _, notes = fit_text(path_of("sensors", "os0-128-rev7").read_text(encoding="utf-8"))
+    assert not any("column_photons" in note for note in notes)
+
+
+@pytest.mark.parametrize(("sigma", "is_written"), [(0.29, True), (0.31, False)])
 def test_slope_and_pedestal_are_written_together_and_replace_a_floor(sigma: float, is_written: bool) -> None:
     """A pedestal of 540 +- 400 counts in all shots, which alone would be too uncertain."""
     with_floor = TEXT.replace("threshold_slope =", "threshold_floor = 1.5\nthreshold_slope =")

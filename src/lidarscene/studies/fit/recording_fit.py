@@ -14,6 +14,7 @@ import numpy as np
 from ...errors import InputError
 from ...figures.lines import Chart, Line
 from ...figures.report import Figure, Report, count_text
+from ...physics.optics.radiometry import range_from_time_of_flight_m
 from ...recordings.opening import open_recording
 from ...recordings.pcap_reader import metadata_of
 from ...recordings.sweep import Sweep
@@ -32,7 +33,7 @@ from .pixels_at_rest import pixels_at_rest
 from .products import QUANTITIES, Products, at_pulses, find_products, white_over_range_m2
 from .recorded_pulses import RecordedPulses, gather_pulses
 from .row_gains import RowGains, fit_rows
-from .scatter import Scatter, fit_scatter
+from .scatter import Scatter, fit_column_photons, fit_scatter
 from .sensor_text import base_text, fitted_text, parse_sensor, with_background_gain
 from .threshold import Threshold, fit_threshold
 from .threshold_ends import fit_least, fit_lone_factor
@@ -59,6 +60,7 @@ class RecordingFit:
     Attributes:
         ends: spread of the threshold, without what the sensor's filter adds to its width, its least value, and its
             factor for lone echoes, as far as they are known
+        column_photons: photons below which columns share more, of sensors whose columns do
         products: known quantities as products of numbers of the sensor file
         at_rest: numbers by frames of a sensor at rest; None: it moved, or one frame was recorded
         boards: pixels at rest that were not fitted
@@ -69,6 +71,7 @@ class RecordingFit:
     scatter: Scatter | None = None
     rows: RowGains | None = None
     ends: tuple[Estimate, ...] = ()
+    column_photons: Estimate | None = None
     products: Products | None = None
     at_rest: FitAtRest | None = None
     boards: Boards | None = None
@@ -78,7 +81,9 @@ class RecordingFit:
         """Estimates of all laws."""
         laws = (self.near_field, self.threshold, self.scatter)
         at_rest = () if self.at_rest is None else self.at_rest.estimates
-        return (*(estimate for law in laws if law is not None for estimate in law.estimates), *self.ends, *at_rest)
+        shared = () if self.column_photons is None else (self.column_photons,)
+        of_laws = (estimate for law in laws if law is not None for estimate in law.estimates)
+        return (*of_laws, *self.ends, *shared, *at_rest)
 
     def checks(self, sensor: Sensor, near_ir: float = 0.0) -> list[Held]:
         """Compare a sensor, such as that of the written file, with the held-out blocks.
@@ -108,7 +113,7 @@ class RecordingFit:
 LAWS = {
     "signal, mean error over the range": ("white_m2", "near_field_m", "spot_over_field", *LENSES),
     "kept and lost, mean difference": ("threshold_slope", "threshold_pedestal", "threshold_spread", "threshold_least"),
-    "range, scatter": ("scatter_c",),
+    "range, scatter": ("scatter_c", "column_photons"),
     "range, scatter at rest": (*CONVERTER, COLUMNS),
     "share kept at rest": CONVERTER,
 }
@@ -264,6 +269,9 @@ def fit_pulses(
         )
     if sensor is None or sensor.histogram is None:
         return fit
+    if sensor.histogram.column_photons is not None:
+        step_m = float(range_from_time_of_flight_m(time_of_flight_s=sensor.tdc.least_significant_bit_s))
+        fit = replace(fit, column_photons=fit_column_photons(counted, step_m))
     if fit.threshold is not None:
         fit = replace(fit, ends=_threshold_ends(pulses, fit.threshold, sensor))
     known_keys = [estimate.key for estimate in fit.estimates if estimate.is_known and estimate.key in QUANTITIES]

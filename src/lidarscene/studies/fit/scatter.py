@@ -3,7 +3,7 @@
 A patch is five pulses along a ring, every second column; the residuals about a parabola through them have two degrees
 of freedom. Columns of an Ouster share noise: on a static pair of frames with .59, .38, .26, .13, .07 and .03 at 1 to 6
 columns, so that such a patch reads 26 % low. Differences over 18 columns show by how much, and the squares are raised
-by that. Weak pulses, whose noise columns share more (T176b), are not used.
+by that. Weak pulses, whose noise columns share more (T176b), are not used; how far they reach is fitted by itself.
 Surfaces must be smooth: a patch counts if the patches in the rows above and below are among the smoothest, since their
 noise is independent of its own. Patches far above the law are left out, and the truncated chi^2 distribution corrects
 for that.
@@ -17,10 +17,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...maths.arrays import Numbers
-from ...sensor.histogram import Histogram
+from ...sensor.histogram import LEAST_REST, Histogram
+from .binned_fit import Statistics, solve
 from .estimates import Estimate, Solution, block_sums, misfit_factor
 from .recorded_pulses import RecordedPulses
-from .tuning import PATCH_SIGNAL, PATCH_SIGNAL_RATIO, PATCH_SQUARE, SMOOTH_SHARE
+from .tuning import (
+    COLUMN_PHOTONS,
+    LEAST_SHARED,
+    PATCH_SIGNAL,
+    PATCH_SIGNAL_RATIO,
+    PATCH_SQUARE,
+    SHARED_SMOOTH,
+    SMOOTH_SHARE,
+)
 
 PATCH, COLUMN_STEP = 5, 2
 """Pulses in a patch, and columns from one to the next."""
@@ -30,6 +39,9 @@ LEAST_PATCHES = 60
 
 LEAST_OF_OCTAVE = 20
 """Least number of patches in an octave of SIGNAL. The scatter of n has a relative sigma of 1 / (2 sqrt(n)): 11 %."""
+
+LEAST_BENT = 4
+"""Least number of half octaves that tell where the scatter bends: two on each side."""
 
 WIDE_STEP = 6
 """Columns from one pulse to the next in a difference whose pulses share no noise."""
@@ -157,6 +169,50 @@ def solve_squares(squares: Numbers, inverse: Numbers, block: Numbers, known: Num
     )
 
 
+def fit_column_photons(pulses: RecordedPulses, step_m: float) -> Estimate | None:
+    """Fit the photons below which columns share more, (T176b), to the scatter of weak returns over that of strong ones.
+
+    Patches count in half octaves of SIGNAL from `LEAST_SHARED` photons on, the smoothest of each. How much columns
+    share in strong returns takes the same part off all of them, so that it need not be known.
+
+    Args:
+        step_m: of the ranges
+
+    Returns:
+        the estimate [photons]; None without SIGNAL, or with too few half octaves to tell a bend
+    """
+    if pulses.signal is None:
+        return None
+    chosen_pulses = pulses.select_columns(pulses.fitted)
+    columns = patch_columns(chosen_pulses.block, COLUMN_STEP)
+    range_m, inverse, valid, _ = _windows(chosen_pulses, columns, None)
+    squares, usable = squared_rest(range_m, valid), valid & (inverse < 1.0 / LEAST_SHARED)
+    relative = np.where(valid, squares, np.inf) / inverse
+    place, block = np.floor(-2.0 * np.log2(inverse)), blocks_of_patches(chosen_pulses, columns, np.ones_like(usable))
+    noise = ((squares - 2.0 * step_m**2 / 12.0) / MEAN_BELOW / inverse).ravel()  # without the rounding of both degrees
+    members = []
+    for number in np.unique(place[usable]):
+        chosen = np.flatnonzero(smoothest(relative, usable & (place == number), SHARED_SMOOTH)[1])
+        if len(chosen) < LEAST_PATCHES:
+            continue
+        near = chosen[relative.flat[chosen] < PATCH_SQUARE * np.median(relative.flat[chosen]) / MEDIAN_TWO]
+        if len(near) >= LEAST_PATCHES and noise[near].mean() > 0.0:
+            members.append(near)
+    if len(members) < LEAST_BENT:
+        return None
+    recorded = Statistics.of([noise[near] for near in members], members, block).logarithm()
+    signal = np.array([1.0 / inverse.flat[near].mean() for near in members])
+
+    def law(parameters: Numbers) -> Numbers:
+        left = np.clip(signal / math.exp(parameters[1]), LEAST_REST, 1.0)
+        return np.asarray(parameters[0] + 2.0 * np.log(left))
+
+    highest, bounds = float(recorded.value.max()), np.log(COLUMN_PHOTONS)
+    start = np.array([highest, bounds.mean()])
+    solved = solve(recorded, law, start, np.array([[highest - 3.0, highest + 3.0], bounds]).T, along=1)
+    return solved.estimate("column_photons", "photons", lambda parameters: math.exp(parameters[1]))
+
+
 def _patches(pulses: RecordedPulses, histogram: Histogram | None = None) -> tuple[Numbers, Numbers, Numbers]:
     """Sum of squared residuals [m2], mean of 1 / SIGNAL and block index of each patch on a smooth surface."""
     columns = patch_columns(pulses.block, COLUMN_STEP)
@@ -202,14 +258,18 @@ def _windows(
         return range_m, np.where(valid, inverse, 1.0), valid, valid & is_strong(1.0 / inverse, histogram)
 
 
-def smoothest(relative: Numbers, usable: Numbers) -> tuple[Numbers, Numbers]:
-    """Mask of windows with one above and below that has a scatter, and of those whose neighbours scatter least."""
+def smoothest(relative: Numbers, usable: Numbers, share: float | None = None) -> tuple[Numbers, Numbers]:
+    """Mask of windows with one above and below that has a scatter, and of those whose neighbours scatter least.
+
+    Args:
+        share: of the windows; None: `SMOOTH_SHARE`
+    """
     neighbours = np.full_like(relative, np.inf)
     neighbours[1:-1] = np.maximum(relative[:-2], relative[2:])
     usable = usable & np.isfinite(neighbours)
     if not usable.any():
         return usable, usable
-    return usable, usable & (neighbours <= np.quantile(neighbours[usable], SMOOTH_SHARE))
+    return usable, usable & (neighbours <= np.quantile(neighbours[usable], share or SMOOTH_SHARE))
 
 
 def _correlation(pulses: RecordedPulses, relative: Numbers, histogram: Histogram | None) -> tuple[float, float]:

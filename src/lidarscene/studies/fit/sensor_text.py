@@ -38,12 +38,14 @@ FILE_KEYS = {
     "threshold_spread": "histogram.threshold_spread",
     "threshold_least": "histogram.threshold_least",
     "lone_factor": "histogram.lone_factor",
+    "column_photons": "histogram.column_photons",
 }
 """Estimate -> key of the file that it sets."""
 
 RARE = {
     "threshold_least": "not known: too few returns are that weak, or a threshold without an end fits as well",
     "lone_factor": "not known: too few pulses without neighbours are strong enough",
+    "column_photons": "not known: too few smooth surfaces of weak and of strong returns",
 }
 """Estimate that many recordings lack -> why it is missing."""
 
@@ -194,7 +196,10 @@ def _with_laws(
     notes = tuple(
         f"{subject} is left as it was: {key} is {reasons.get(key, 'not recorded')}"
         for key, subject in subjects.items()
-        if key not in accepted and not (key == "threshold_spread" and key not in estimates)
+        if key not in accepted
+        and not (key == "threshold_spread" and key not in estimates)
+        # Sensors whose columns share as much of weak returns lack the key.
+        and (key != "column_photons" or sensor.histogram.column_photons is not None)
     )
 
     def source_of(key: str, also: str) -> str:
@@ -238,7 +243,8 @@ def _with_laws(
         if key in accepted and file_key == f"histogram.{key}":
             # The recording has the counts of all shots, the file those of one.
             scale = 1.0 / float(sensor.histogram.shots) if key == "threshold_pedestal" else 1.0
-            changes[file_key] = accepted[key].value * scale, source_of(key, "; SIGNAL and NEAR_IR of kept and lost")
+            also = "scatter of weak returns" if key == "column_photons" else "SIGNAL and NEAR_IR of kept and lost"
+            changes[file_key] = accepted[key].value * scale, source_of(key, f"; {also}")
     if "threshold_slope" in accepted:
         text = remove_keys(text, "histogram.threshold_floor")
     if rows is not None:

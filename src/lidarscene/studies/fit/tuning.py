@@ -137,6 +137,16 @@ PATCH_SIGNAL_RATIO = 2.0
 PATCH_SQUARE = 6.0
 """Choice: sum of squares over sigma^2 above which a patch is left out: exp(-3) = 5 % of clean ones."""
 
+LEAST_SHARED = 16.0
+"""Choice: least photons of a patch that tells how much weak returns share: of weaker ones few are kept."""
+
+SHARED_SMOOTH = 0.25
+"""Choice: share of the patches of half an octave that count as smooth. Weak returns share noise, and so show more of
+the roughness: halves of an OS1-128's patches tell 72 and 75 photons by two and three frames, quarters 105 and 90."""
+
+COLUMN_PHOTONS = (20.0, 1000.0)
+"""Choice: photons between which the bend of (T176b) is sought."""
+
 # noise_photons
 
 LEAST_READING = 2.0
