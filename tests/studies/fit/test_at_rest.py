@@ -532,3 +532,12 @@ def test_a_moving_sensor_without_signal_is_told(
 ) -> None:
     with told("two frames at rest"):
         fitted([turns[1][0], shifted(turns[1][1])])
+
+
+def test_intensities_that_are_no_reflectivities_are_refused(tmp_path: Path) -> None:
+    """An HDL-64E's go with the root of the light, by assumption.
+
+    Rationale: a beam of 5.1 mrad was told as 24 +/- 4.
+    """
+    with told("hdl-64e | intensity.exponent | 0.5"):
+        fit_recordings([tmp_path / "turns"], "hdl-64e")

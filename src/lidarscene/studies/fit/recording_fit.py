@@ -163,6 +163,15 @@ def fit_recordings(
     base = base_text(sensor, metadata_of(recordings[0], metadata), sensor_index=sensor_index)
     where = f"sensor {sensor}"
     base_sensor = parse_sensor(base, where)
+    if (
+        base_sensor.histogram is None
+        and base_sensor.intensity is not None
+        and base_sensor.intensity.exponent is not None
+    ):
+        raise InputError(
+            f"{where}: intensity.exponent: must be none, as fits of frames at rest take intensities for "
+            f"reflectivities; got {float(base_sensor.intensity.exponent):g}"
+        )
     recording = ", ".join(path.name for path in recordings)
     try:
         scanner = base_sensor.scanner
