@@ -509,7 +509,7 @@ def checks_at_rest(boards: Boards, sensor: Sensor) -> Iterator[Held]:
         real_mm, found_mm = (1e3 * math.exp(0.5 * value) for value in (real, found))
         yield Held(
             quantity="range, scatter at rest",
-            condition=f"{np.median(rest.mean_m[members]):.3g} m, lean {lean_m:.2g} m, reflectivity {strength:.2g}",
+            condition=f"{np.median(rest.mean_m[members]):.3g} m, lean {lean_m:.4g} m, reflectivity {strength:.2g}",
             reference=real_mm,
             simulated=found_mm,
             value=found_mm / real_mm,
