@@ -60,7 +60,7 @@ def write_manifest(job: Job, store: Store, failed: Mapping[str, str], drives: It
                 types,
             )
             | splits
-            | {"job": job.name}
+            | {"job": job.path.stem, "job_file": str(job.path)}
             for task in job.tasks()
         )
         with atomic_output(store.manifest) as temporary, parquet.ParquetWriter(temporary, schema) as writer:
@@ -75,13 +75,13 @@ def write_manifest(job: Job, store: Store, failed: Mapping[str, str], drives: It
 
 
 def _rows_of_others(job: Job, store: Store) -> Any:
-    """Rows of the manifest that are of jobs by other names, and not of frames that this one has or that are gone."""
+    """Rows of the manifest that are of other job files, and not of frames that this one has or that are gone."""
     import pyarrow
     from pyarrow import parquet
 
     try:
-        table = parquet.read_table(store.manifest, filters=[("job", "!=", job.name)])
-    except (OSError, pyarrow.ArrowException):  # there is none yet, or it is damaged
+        table = parquet.read_table(store.manifest, filters=[("job_file", "!=", str(job.path))])
+    except (OSError, pyarrow.ArrowException):  # there is none yet, or it is damaged or older
         return pyarrow.table({})
     keys = {task.key for task in job.tasks()} if len(table) else set[str]()
     frames = zip(table["key"].to_pylist(), table["file"].to_pylist(), strict=True)
@@ -94,7 +94,7 @@ def _rows_of_others(job: Job, store: Store) -> Any:
 
 def _columns(sweep: Mapping[str, str]) -> dict[str, str]:
     """Names and Arrow types of the columns."""
-    labels = ("job", "key", "scene", "sensor", "rig", "label", "trajectory")
+    labels = ("job", "job_file", "key", "scene", "sensor", "rig", "label", "trajectory")
     missed = [f"missed_{text.replace(' ', '_')}" for text in run_report.OUTCOME_TEXT.values()]
     return (
         dict.fromkeys(labels, "string")
