@@ -173,7 +173,10 @@ def _options_of(kind: Any) -> Mapping[str, tuple[Field[Any], Declaration]]:
 
 
 def check_options(options: Any) -> None:
-    """Raise OptionError for an option out of its values; the default is one of them, or None."""
+    """Raise OptionError for an option out of its values; the default is one of them, or None.
+
+    Numbers of NumPy become Python's: those of few bytes overflow, or lose digits, in products of them.
+    """
     kind: Any = type(options)
     for name, (entry, declaration) in options_of(kind).items():
         value = getattr(options, name)
@@ -187,6 +190,8 @@ def check_options(options: Any) -> None:
             require_type(name, value, type_hints(kind)[name])
         if declaration.values is not None:
             declaration.values.check(name, value)
+        if isinstance(declaration.values, Whole | Finite):
+            object.__setattr__(options, name, (int if isinstance(declaration.values, Whole) else float)(value))
 
 
 def list_options(kind: type[Options]) -> type[Options]:
