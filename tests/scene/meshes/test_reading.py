@@ -61,7 +61,7 @@ def test_ctrl_c_within_a_parser_is_heard(tmp_path: Path, monkeypatch: pytest.Mon
             signal.raise_signal(signal.SIGINT)
         return loader(*arguments, **settings)
 
-    (tmp_path / "a.obj").write_text(HOUSE.format(mtl=""), encoding="utf-8")
+    (tmp_path / "a.obj").write_text(HOUSE.format(mtl="# not in the cache"), encoding="utf-8")
     monkeypatch.setattr(trimesh, "load_scene", load)
     with pytest.raises(KeyboardInterrupt):
         read_mesh(tmp_path / "a.obj")
