@@ -118,6 +118,9 @@ def test_what_is_damaged_is_told(tmp_path: Path) -> None:
     path.write_bytes(content[: second + 8] + struct.pack("<I", 262_145) + content[second + 12 :])
     with told("packet 2 | 262145 | 262144", ValueError):
         packets_of(path)
+    path.write_bytes(content[: second + 8] + struct.pack("<I", 262_144) + content[second + 12 :])
+    with pytest.warns(OptionWarning, match="packet 2"):
+        packets_of(path)
     for start, named in ((b"\x0a\x0d\x0d\x0a", "pcap | pcapng"), (b"none", "pcap | first bytes")):
         path.write_bytes(start + content[4:])
         with told(named, ValueError):
