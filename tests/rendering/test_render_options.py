@@ -12,10 +12,10 @@ from helpers.mistakes import calls
 from lidarscene.batch.job_file import JobFile
 from lidarscene.cli import terminal
 from lidarscene.errors import OptionError
-from lidarscene.maths.pose import Pose
 from lidarscene.outputs.output_options import Outputs
 from lidarscene.rendering import render_options
 from lidarscene.rendering.render_options import FrameOptions, Keywords, Observers, TraceOptions
+from lidarscene.studies.ranging.conditions import Conditions
 
 SEEDS, COUNTS = "seed | whole number | 0 | 4294967295", "whole number | 1 | 1024"
 
@@ -96,7 +96,7 @@ def test_numbers_of_numpy_are_those_of_python() -> None:
     options = FrameOptions(seed=np.uint32(3), number=np.uint8(200), begin_s=np.float32(0.5), chunk=np.int16(7))
     found = [options.seed, options.number, options.begin_s, options.chunk, TraceOptions(rays=np.uint8(4)).rays]
     assert list(map(repr, found)) == ["3", "200", "0.5", "7", "4"]
-    assert repr(FrameOptions(begin_s=1, pose=Pose()).begin_s) == "1.0"
+    assert repr(Conditions(illuminance_klux=np.float16(100.0)).illuminance_klux) == "100.0"
 
 
 def test_a_job_has_the_defaults_of_the_library() -> None:

@@ -12,7 +12,7 @@ import math
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import MISSING, Field, field, fields
-from numbers import Integral, Real
+from numbers import Integral, Number, Real
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol, TypeVar, cast
@@ -182,6 +182,8 @@ def check_options(options: Any) -> None:
         value = getattr(options, name)
         if value is entry.default:
             continue
+        if isinstance(value, Number) and hasattr(value, "item"):
+            object.__setattr__(options, name, value := value.item())
         if isinstance(entry.default, bool):
             if not is_of_type(value, bool):
                 raise OptionError(f"{{{name}}}: must be True or False, got {{0!r}}", value)
@@ -190,8 +192,6 @@ def check_options(options: Any) -> None:
             require_type(name, value, type_hints(kind)[name])
         if declaration.values is not None:
             declaration.values.check(name, value)
-        if isinstance(declaration.values, Whole | Finite):
-            object.__setattr__(options, name, (int if isinstance(declaration.values, Whole) else float)(value))
 
 
 def list_options(kind: type[Options]) -> type[Options]:
