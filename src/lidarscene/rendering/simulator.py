@@ -163,10 +163,9 @@ class Simulator(HintedAttributes):
         self._prepare_stages()
         rings = sensor.rings_by_channel
         self._rings = None if rings is None else transfer.whole_numbers(rings)
-        self.class_names = self.world.class_names
-        self._air_classes = None
-        if (air := self._stages.air) is not None:
-            self.class_names = tuple(dict.fromkeys((*self.class_names, *air.names)))
+        air, self._air_classes = self._stages.air, None
+        self.class_names = tuple(dict.fromkeys((*self.world.class_names, *(air.names if air is not None else ()))))
+        if air is not None:
             sources = (air.strongest, *air.sources)
             self._air_classes = transfer.whole_numbers([self.class_names.index(name) for name in sources])
 
