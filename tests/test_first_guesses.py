@@ -59,6 +59,8 @@ ANSWERS = {
     "setattr(sensor.laser, 'peak_power_w', 50)": r"Laser.peak_power_w cannot be set; sensor.replace\(",
     "setattr(scene.bodies[0], 'pose', None)": r"Body.pose cannot be set; scene.replace\({\"bodies.car.position_m",
     "setattr(scene.plot(), 'x', 3)": "Picture.x cannot be set$",
+    "setattr(lidarscene.Simulator('range', 'apd-905'), 'sensor', sensor)": r"cannot be set; Simulator\(scene, sensor",
+    "setattr(lidarscene.LiveSimulator('range', 'apd-905'), 'scene', scene)": r"scene cannot be set; live.place\(",
     "cloud.range_image(columns=3)": "known here: none",
     "cloud.save('a.png')": r"cloud.plot\(\).save",
     "sensor.laser.replace(peak_power_w=50)": r"sensor.replace\(",

@@ -311,6 +311,29 @@ for _ in range(2):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="a small disk is made by Linux's tmpfs")
+def test_frames_that_go_while_the_job_runs_are_told(client: Any, job: Job, tmp_path: Path) -> None:
+    """Two of four frames were there before, one of which goes at the first report; so does one that was rendered."""
+    out, (first, second, *_) = tmp_path / "out", [task.key for task in job.tasks()]
+
+    def connect() -> Any:
+        return nullcontext(client)
+
+    run_job(job, out, connect=connect, threads=1)
+    store = Store(out)
+    for task in list(job.tasks())[1:]:
+        store.cloud(task.key, "ply").unlink()
+
+    def lose(progress: Progress, *_: object) -> None:
+        store.cloud(first, "ply").unlink(missing_ok=True)
+        store.cloud(second, "ply").unlink(missing_ok=True)
+
+    progress = run_job(job, out, connect=connect, threads=1, report=lose)
+    assert (progress.reused, progress.rendered, sorted(progress.failed)) == (0, 2, sorted([first, second]))
+    assert progress.finished == 4
+    again = run_job(job, out, connect=connect, threads=1)
+    assert (again.reused, again.rendered, again.failed) == (2, 2, {})
+
+
 def test_a_disk_that_is_full_and_then_larger(mi: Any, job_file: Path, tmp_path: Path) -> None:
     """Rationale: a real one, on which two of four clouds fit at most."""
     (tmp_path / "out").mkdir()
@@ -408,6 +431,7 @@ def test_a_bundle_that_fails_is_taken_apart(
         submit(self, bundle)
 
     monkeypatch.setattr(dispatch, "BUNDLE_S", 1000.0)  # several frames to a bundle, however slow this machine is
+    monkeypatch.setattr(dispatch, "write_manifest", lambda *_: set())  # of frames without files
     monkeypatch.setattr(dispatch, "render_frames", fails_in_company)
     monkeypatch.setattr(dispatch._Dispatcher, "submit", submit_and_count)
     progress = run_job(Job.read(long_job), tmp_path / "out", connect=lambda: nullcontext(client), threads=1)

@@ -99,7 +99,8 @@ def renamed(job_file: Path, name: str, *changes: tuple[str, str]) -> Job:
     for old, new in changes:
         assert old in text
         text = text.replace(old, new)
-    path = job_file.with_name(name)
+    path = job_file.parent / name
+    path.parent.mkdir(exist_ok=True)
     path.write_text(text, encoding="utf-8")
     return Job.read(path)
 
@@ -108,7 +109,8 @@ def test_jobs_share_a_folder_and_its_manifest(job_file: Path, tmp_path: Path) ->
     """Rationale: the second job's manifest replaced the first one's, whose frames stayed without a row."""
     pytest.importorskip("pyarrow")
     store, lit = Store(tmp_path / "out"), ('"sun.illuminance_klux" = [1, 100]', '"sun.illuminance_klux" = [0.5]')
-    day, night = Job.read(job_file), renamed(job_file, "night.toml", lit)
+    # Another file of the same name, in another folder, is another job.
+    day, night = Job.read(job_file), renamed(job_file, "night/job.toml", lit, ("wall.toml", "../wall.toml"))
     foggy = renamed(
         job_file, "foggy.toml", ('"sun.illuminance_klux"', '"sun.azimuth_deg" = [7]\n"air.extinction_per_m"')
     )
@@ -117,7 +119,8 @@ def test_jobs_share_a_folder_and_its_manifest(job_file: Path, tmp_path: Path) ->
     # The last job's first, then those before.
     rows, tasks = rows_of(store.folder), [*foggy.tasks(), *night.tasks(), *day.tasks()]
     assert [row["key"] for row in rows] == [task.key for task in tasks]
-    assert [row["job"] for row in rows] == ["foggy"] * 4 + ["night"] * 2 + ["job"] * 4
+    assert [row["job"] for row in rows] == ["foggy"] * 4 + ["job"] * 6
+    assert [row["job_file"] for row in rows[4:]] == [str(tmp_path / "night" / "job.toml")] * 2 + [str(job_file)] * 4
     for row, task in zip(rows, tasks, strict=True):
         swept = {name: value for name, value in row.items() if "." in name and value is not None}
         assert swept == task.parameters
@@ -154,7 +157,7 @@ def test_values_of_one_key_in_two_jobs(values: list[Any], kind: str, job_file: P
 
     store, job, key = Store(tmp_path / "out"), Job.read(job_file), "scene.sun.illuminance_klux"
     store.folder.mkdir()
-    others = pyarrow.table({"job": ["b", "b"], "key": ["1", "2"], "file": pyarrow.nulls(2, "string"), key: values})
+    others = pyarrow.table({"job_file": ["b", "b"], "key": ["1", "2"], "file": pyarrow.nulls(2, "string"), key: values})
     parquet.write_table(others, store.manifest)
     manifest.write_manifest(job, store, {})
     found = parquet.read_table(store.manifest)[key]

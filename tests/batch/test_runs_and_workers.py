@@ -23,6 +23,7 @@ def test_two_runs_share_a_folder(threads: Any, job: Job, tmp_path: Path, monkeyp
         fourth: [work.ELSEWHERE, ""],
     }
     monkeypatch.setattr(work, "_rendered", lambda task, *_: contextlib.nullcontext(answers[task.key].pop(0)))
+    monkeypatch.setattr(dispatch, "write_manifest", lambda *_: set())  # of frames without files
     monkeypatch.setattr(dispatch, "AGAIN_EVERY_S", 0.0)
     progress = run_job(job, tmp_path / "out", connect=threads)
     assert (progress.rendered, progress.reused, progress.failed, progress.finished) == (2, 2, {}, 4)
@@ -50,6 +51,7 @@ def test_workers_that_are_all_gone(threads: Any, job: Job, tmp_path: Path, monke
             clusters[0].scale(0)
 
     monkeypatch.setattr(work, "_rendered", lose)
+    monkeypatch.setattr(dispatch, "write_manifest", lambda *_: set())  # of frames without files
     monkeypatch.setattr(dispatch, "WITHOUT_WORKERS_S", 0.4)
     monkeypatch.setattr(dispatch, "BUNDLES_FOR_EACH", 1)
     monkeypatch.setattr(dispatch, "MOST_IN_BUNDLE", 1)

@@ -1,5 +1,6 @@
-"""The door to trimesh: a signal that comes while it is imported is not lost."""
+"""The door to trimesh: a signal that comes while it is imported, or reads a file, is not lost."""
 
+import contextlib
 import signal
 import sys
 import threading
@@ -43,6 +44,42 @@ def test_ctrl_c_while_it_is_imported_is_heard(library: Any) -> None:
         door.trimesh()
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     assert door.trimesh().ready
+
+
+def swallow(number: int, after: Exception | None) -> None:
+    """Catch a signal as trimesh's parsers do, and go on with the error ``after``, if it is one."""
+    with contextlib.suppress(BaseException):
+        signal.raise_signal(number)
+    if after is not None:
+        raise after
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("after", [None, ValueError("no texture"), KeyError("texture")])
+def test_a_signal_that_a_parser_catches_is_heard_behind_it(number: int, after: Exception | None) -> None:
+    """A signal is raised where it comes; where it is caught there, or becomes another error, it is raised again."""
+    came: list[int] = []
+
+    class Heard(BaseException): ...
+
+    def handler(number: int, _: object) -> None:
+        came.append(number)
+        raise Heard
+
+    before = signal.signal(number, handler)
+    try:
+        with pytest.raises(Heard), door.signals_heard():
+            swallow(number, after)
+        assert came == [number, number]
+        with pytest.raises(Heard), door.signals_heard():
+            signal.raise_signal(number)
+        assert came == [number] * 3
+        signal.signal(number, lambda number, _: came.append(number))  # that goes on
+        with door.signals_heard():
+            signal.raise_signal(number)
+        assert came == [number] * 4
+    finally:
+        signal.signal(number, before)
 
 
 def test_it_is_imported_by_any_thread_and_where_ctrl_c_is_ignored(library: Any) -> None:

@@ -1,6 +1,7 @@
 """Logs for the Rerun viewer, read again by Rerun's own reader."""
 
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -8,6 +9,7 @@ import sys
 from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,6 +20,7 @@ from helpers.walls import write_moving_rig
 
 from lidarscene.cloud.pixels import images
 from lidarscene.cloud.point_cloud import PointCloud
+from lidarscene.errors import OutputError
 from lidarscene.formats import rerun as rerun_format
 from lidarscene.formats.clock import EPOCH, stamp_ns, to_ns
 from lidarscene.formats.cloud_columns import SENSOR_TO_VEHICLE
@@ -148,6 +151,17 @@ def test_an_entity_has_one_place(street_cloud: PointCloud, tmp_path: Path) -> No
     with told("a_imu | one place"), rerun_format.rerun_frames(tmp_path / "a.rrd") as append:
         append.append_imu(samples, label="a", mounting=Pose())
         append(cloud, "a_imu")
+
+
+def test_a_disk_without_room_for_the_points_is_told(
+    street_cloud: PointCloud, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rationale: Rerun's thread waited for ever where a full disk refused its first large write."""
+    room = rerun_format.PROBE_BYTES + 12 * len(street_cloud)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=room))
+    with told("a.rrd | No space left", OutputError):
+        street_cloud.save(tmp_path / "a.rrd")
+    assert not list(tmp_path.iterdir())
 
 
 def test_colours_without_classes_rise_with_the_intensity(street_cloud: Any, tmp_path: Path) -> None:

@@ -79,7 +79,7 @@ def _our_ouster(profile: str) -> Callable[[Path], Path]:
             take(firings.firings())
         path = folder / "ours.pcap"
         data = path.read_bytes()
-        records = [record for _, _, record in records_of(map_file(path))]
+        records = [record for _, _, record in records_of(map_file(path), path)]
         path.write_bytes(data[: records[5].stop])  # 96 columns of 512
         return path
 
@@ -439,7 +439,7 @@ def _spoil(rng: random.Random, path: Path) -> None:
     if rng.random() < 0.3 or not data:
         path.write_bytes(spoilt(rng, data))
     elif suffix == ".pcap":
-        records = [record for _, _, record in records_of(map_file(path))]
+        records = [record for _, _, record in records_of(map_file(path), path)]
         record = rng.choice(records)
         path.write_bytes(spoilt_in_place(rng, data, record.start + (42 if rng.random() < 0.8 else 0), record.stop))
     elif suffix == ".db3":

@@ -254,7 +254,9 @@ def test_what_is_wrong_is_one_line(tmp_path: Path, core: Any, library: Callable[
     )
     check("other.json", metadata=other_metadata)
     shutil.copy(OUSTER.with_suffix(".json"), path.with_suffix(".json"))
-    check("a.pcap | truncated | packet 1", OUSTER.read_bytes()[:-100])
+    check(
+        "a.pcap | damaged | packet 1 | 262144", OUSTER.read_bytes()[:32] + bytes(3) + b"\x7f" + OUSTER.read_bytes()[36:]
+    )
     check("a.pcap | packets", OUSTER.read_bytes()[:24])
 
 

@@ -110,14 +110,31 @@ def test_another_sensor_is_told_and_left_out(tmp_path: Path) -> None:
 def test_what_is_damaged_is_told(tmp_path: Path) -> None:
     path = pcap(tmp_path / "a.pcap", [b"first", b"second"])
     content = path.read_bytes()
-    for size, packet in ((len(content) - 1, 2), (len(content) - 49, 2), (24 + 7, 1)):
+    second = len(content) - 16 - 14 - IP - 8 - len(b"second")
+    for size in (24 + 7, 24 + 16 + 7):
         path.write_bytes(content[:size])
-        with told(f"packet {packet}", ValueError):
+        with told("packet 1", ValueError):
             packets_of(path)
+    path.write_bytes(content[: second + 8] + struct.pack("<I", 262_145) + content[second + 12 :])
+    with told("packet 2 | 262145 | 262144", ValueError):
+        packets_of(path)
+    path.write_bytes(content[: second + 8] + struct.pack("<I", 262_144) + content[second + 12 :])
+    with pytest.warns(OptionWarning, match="packet 2"):
+        packets_of(path)
     for start, named in ((b"\x0a\x0d\x0d\x0a", "pcap | pcapng"), (b"none", "pcap | first bytes")):
         path.write_bytes(start + content[4:])
         with told(named, ValueError):
             packets_of(path)
+
+
+@pytest.mark.parametrize("cut", [1, 6 + 8 + IP, 6 + 8 + IP + 14 + 15])
+def test_whole_packets_are_read_before_a_cut(tmp_path: Path, cut: int) -> None:
+    """A recorder that was broken off: within the payload, within the headers, within that of the record."""
+    path = pcap(tmp_path / "a.pcap", [b"first", b"second"])
+    path.write_bytes(path.read_bytes()[:-cut])
+    with pytest.warns(OptionWarning, match=r"a\.pcap: ends within packet 2, which is left out"):
+        packets = packets_of(path)
+    assert [packet.payload for packet in packets] == [b"first"]
 
 
 def test_a_turn_ends_where_the_recording_began() -> None:

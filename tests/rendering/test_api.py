@@ -6,13 +6,21 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.mistakes import calls
+from helpers.mistakes import calls, told
 
 import lidarscene
 from lidarscene.maths.pose import Pose
-from lidarscene.rendering.render_options import FrameOptions
+from lidarscene.rendering.render_options import NUMBERS, FrameOptions
 
 COARSE = {"scanner": {"azimuth_step_deg": 2.0, "elevation_step_deg": np.float32(2.0)}}
+
+
+def test_frames_up_to_the_last_number_there_is(mi: Any) -> None:
+    """None is begun behind the last; one that has no number is told by the call, before the first is rendered."""
+    number = NUMBERS.high - 1
+    assert len(list(lidarscene.render_frames("edges", "table1-apd", frames=2, number=number, overrides=COARSE))) == 2
+    with told(f"frame number | {NUMBERS.high} | {NUMBERS.high + 1}"):
+        lidarscene.render_frames("edges", "table1-apd", frames=3, number=number, overrides=COARSE)
 
 
 def test_a_simulator_takes_names(mi: Any) -> None:

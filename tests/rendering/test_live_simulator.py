@@ -206,6 +206,17 @@ def test_bodies_come_and_go_as_in_worlds_built_anew() -> None:
     check()
 
 
+def test_a_body_whose_time_is_over_is_there_where_it_is_placed() -> None:
+    """The car of the scene drives for half a second and is hidden then."""
+    scene = street()
+    passing = dataclasses.replace(scene.bodies[1], motion=Course(velocity_m_s=(1.0, 0.0, 0.0)), present_s=(0.0, 0.5))
+    live = LiveSimulator(dataclasses.replace(scene, bodies=(scene.bodies[0], passing, scene.bodies[2])), sensor())
+    assert echoes_on(live.render(begin_s=0.5), "car") > 100
+    assert echoes_on(live.render(begin_s=1.0), "car") == 0
+    live.place("car", pose(12, 1, 0))
+    assert echoes_on(live.render(begin_s=1.0), "car") > 100
+
+
 def test_nothing_is_compiled() -> None:
     """No frame launches a kernel that the first did not, whatever moves, comes and goes, straight or on a curve."""
     live = LiveSimulator(street(), sensor(), movable=("ball",), spares={"car": 2})
@@ -295,7 +306,8 @@ def test_the_callers_clock() -> None:
             clouds.append(cloud)
             times.append(step)
             semantic, _ = point_labels(cloud, live.scene)
-            assert set(semantic[cloud.body == cloud.body_names.index("car")].tolist()) == {252}
+            is_own_echo = (cloud.body == cloud.body_names.index("car")) & (cloud.status == 0)
+            assert set(semantic[is_own_echo].tolist()) == {252}
     assert [int(cloud.metadata["frame_number"]) for cloud in clouds] == [0, 1, 2, 3, 4]
     assert times == [8, 16, 24, 32, 40]
     # A straight line from the first pose on, which is held before.
@@ -306,6 +318,17 @@ def test_the_callers_clock() -> None:
     np.testing.assert_allclose(
         clouds[1].radial_velocity_m_s[car], drives.render(number=1).radial_velocity_m_s[car], atol=1e-3
     )
+
+
+def test_what_is_placed_has_left_the_way_of_the_clock() -> None:
+    """Poses given to `advance` before count no more."""
+    live = LiveSimulator(street(), sensor(), movable=("ball",), spares={"car": 1})
+    assert live.advance(0.001, {"ball": pose(9, 3, 0), "car": pose(18, 0, 0)}, ego=pose(0, 2, 0)) == []
+    poses, ego = {"car": pose(18, 0, 0), "ball": pose(10, -2, 0.5)}, pose(1, 0.5, 0.1, 5)
+    live.place("ball", poses["ball"])
+    live.move_ego(ego)
+    (cloud,) = live.advance(1.5 * live.sensor.scanner.frame_s)
+    assert_near(cloud, Simulator(rebuild_scene(street(), poses, ego), sensor()).render())
 
 
 def test_what_rests_starts_where_frames_showed_it() -> None:

@@ -12,10 +12,10 @@ from helpers.mistakes import calls
 from lidarscene.batch.job_file import JobFile
 from lidarscene.cli import terminal
 from lidarscene.errors import OptionError
-from lidarscene.maths.pose import Pose
 from lidarscene.outputs.output_options import Outputs
 from lidarscene.rendering import render_options
 from lidarscene.rendering.render_options import FrameOptions, Keywords, Observers, TraceOptions
+from lidarscene.studies.ranging.conditions import Conditions
 
 SEEDS, COUNTS = "seed | whole number | 0 | 4294967295", "whole number | 1 | 1024"
 
@@ -91,9 +91,12 @@ def test_loose_keywords_change_what_is_given() -> None:
     assert trace == TraceOptions(rays=2, interactions=0)
 
 
-def test_whole_numbers_of_numpy_are_whole_numbers() -> None:
-    assert FrameOptions(seed=np.uint32(3), begin_s=np.float64(0.5)).seed == 3
-    assert FrameOptions(begin_s=1, pose=Pose()).begin_s == 1
+def test_numbers_of_numpy_are_those_of_python() -> None:
+    """Rationale: one of few bytes overflowed in number x pulses of a frame."""
+    options = FrameOptions(seed=np.uint32(3), number=np.uint8(200), begin_s=np.float32(0.5), chunk=np.int16(7))
+    found = [options.seed, options.number, options.begin_s, options.chunk, TraceOptions(rays=np.uint8(4)).rays]
+    assert list(map(repr, found)) == ["3", "200", "0.5", "7", "4"]
+    assert repr(Conditions(illuminance_klux=np.float16(100.0)).illuminance_klux) == "100.0"
 
 
 def test_a_job_has_the_defaults_of_the_library() -> None:

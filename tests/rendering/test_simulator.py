@@ -169,7 +169,7 @@ def test_frames_that_cannot_be_traced_together() -> None:
     assert together == [1]
     sim.begin(FrameOptions(number=1, chunk=15_000), 4)
     assert together == [1]
-    sim.numbering = Numbering(sim.sensor.scanner, tiled=False, whole=100)
+    vars(sim)["numbering"] = Numbering(sim.sensor.scanner, tiled=False, whole=100)
     sim.begin(FrameOptions(number=6), 4)
     assert together == [1, 1]
     leaves = Course(start=Pose.from_degrees(position_m=(995.0, 0.0, 0.0)), speed_m_s=20.0)

@@ -89,7 +89,7 @@ def test_points_are_those_of_the_firing_order(name):
     for tiles in (True, False):
         simulator = Simulator(scene, sensor)
         if not tiles:
-            simulator.numbering = Numbering(sensor.scanner, tiled=False)
+            vars(simulator)["numbering"] = Numbering(sensor.scanner, tiled=False)
         missed_pulses, counts = [], []
         cloud = simulator.render(
             seed=5,

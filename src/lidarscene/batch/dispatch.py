@@ -146,7 +146,12 @@ def run_job(
                 f"the {subject} gone; {progress.finished:,} of {progress.frames:,} frames were done, and the same "
                 "command goes on from there"
             ) from error
-    write_manifest(job, store, progress.failed, drives)
+    for key in write_manifest(job, store, progress.failed, drives):
+        if ended.get(key, True):
+            progress.reused -= 1
+        else:
+            progress.rendered -= 1
+        progress.failed[key] = "its files are gone, the same command renders it again"
     for file, cause in causes.items():
         raise LidarSceneError(
             f"{store.folder / file}: {cause}; its frames are kept, the same command goes on from there"

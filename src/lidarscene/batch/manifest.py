@@ -23,16 +23,22 @@ COUNTS = ("beams", "hits", "points", "echoes", "false_alarms", "weather", "stray
 CLAIM = 16 * "0"
 """Claim of the manifest, as if it were a frame's."""
 
+NOT_RENDERED = "not rendered"
+"""Error of a frame that is neither done nor failed."""
+
 AGAIN_EVERY_S = 0.2
 """Choice: interval at which a manifest that another job is writing is claimed again."""
 
 
-def write_manifest(job: Job, store: Store, failed: Mapping[str, str], drives: Iterable[DriveTask] = ()) -> None:
+def write_manifest(job: Job, store: Store, failed: Mapping[str, str], drives: Iterable[DriveTask] = ()) -> set[str]:
     """Write the rows of all frames of a job, in its order, and behind them those of other jobs in the folder.
 
     Args:
         failed: key of a frame -> cause of its failure. A frame neither done nor failed gets the error "not rendered"
         drives: whole drives of the job
+
+    Returns:
+        keys of the frames with that error
 
     Raises:
         OutputError: if a result cannot be written
@@ -60,11 +66,13 @@ def write_manifest(job: Job, store: Store, failed: Mapping[str, str], drives: It
                 types,
             )
             | splits
-            | {"job": job.name}
+            | {"job": job.path.stem, "job_file": str(job.path)}
             for task in job.tasks()
         )
         with atomic_output(store.manifest) as temporary, parquet.ParquetWriter(temporary, schema) as writer:
+            missing_keys = set[str]()
             while part := list(itertools.islice(rows, ROWS_AT_A_TIME)):
+                missing_keys.update(row["key"] for row in part if row.get("error") == NOT_RENDERED)
                 writer.write_table(pyarrow.Table.from_pylist(part, schema=schema))
             if len(others):
                 missing = {name: pyarrow.nulls(len(others), kind) for name, kind in columns.items()}
@@ -72,16 +80,17 @@ def write_manifest(job: Job, store: Store, failed: Mapping[str, str], drives: It
                 writer.write_table(
                     pyarrow.table([values[name].cast(schema.field(name).type) for name in values], schema)
                 )
+    return missing_keys
 
 
 def _rows_of_others(job: Job, store: Store) -> Any:
-    """Rows of the manifest that are of jobs by other names, and not of frames that this one has or that are gone."""
+    """Rows of the manifest that are of other job files, and not of frames that this one has or that are gone."""
     import pyarrow
     from pyarrow import parquet
 
     try:
-        table = parquet.read_table(store.manifest, filters=[("job", "!=", job.name)])
-    except (OSError, pyarrow.ArrowException):  # there is none yet, or it is damaged
+        table = parquet.read_table(store.manifest, filters=[("job_file", "!=", str(job.path))])
+    except (OSError, pyarrow.ArrowException):  # there is none yet, or it is damaged or older
         return pyarrow.table({})
     keys = {task.key for task in job.tasks()} if len(table) else set[str]()
     frames = zip(table["key"].to_pylist(), table["file"].to_pylist(), strict=True)
@@ -94,7 +103,7 @@ def _rows_of_others(job: Job, store: Store) -> Any:
 
 def _columns(sweep: Mapping[str, str]) -> dict[str, str]:
     """Names and Arrow types of the columns."""
-    labels = ("job", "key", "scene", "sensor", "rig", "label", "trajectory")
+    labels = ("job", "job_file", "key", "scene", "sensor", "rig", "label", "trajectory")
     missed = [f"missed_{text.replace(' ', '_')}" for text in run_report.OUTCOME_TEXT.values()]
     return (
         dict.fromkeys(labels, "string")
@@ -130,7 +139,7 @@ def _row(
     for name, value in task.parameters.items():
         row[name] = toml_text(value) if types[name] == "string" and not isinstance(value, str) else value
     if result is None:
-        return row | {"error": failed.get(task.key, "not rendered")}
+        return row | {"error": failed.get(task.key, NOT_RENDERED)}
     row |= {name: result.get(name) for name in (*COUNTS, "file", "bytes")}
     row |= {f"missed_{reason}": count for reason, count in result["missed"].items()}
     seconds = result["seconds"]

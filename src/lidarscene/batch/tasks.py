@@ -159,9 +159,9 @@ class FrameTask:
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """A checked job: its name, its file, and its scenes with the sensors that see each of them."""
+    """A checked job: where its file is, what the file says, and its scenes with the sensors that see each of them."""
 
-    name: str
+    path: Path
     file: JobFile
     choices: tuple[tuple[SceneChoice, tuple[SensorChoice, ...]], ...]
 
@@ -177,7 +177,7 @@ class Job:
         file = read_job(path)
         FORMATS[file.format].require()
         try:
-            job = cls(path.stem, file, tuple(_choices(file, path.parent)))
+            job = cls(path.resolve(), file, tuple(_choices(file, path.parent)))
             job._check_draws()
             job.places()
         except InputError as error:

@@ -8,7 +8,9 @@ beside, and its range images. IMUs are six curves.
 
 from __future__ import annotations
 
+import errno
 import os
+import shutil
 import socket
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
@@ -41,7 +43,7 @@ LONGEST_FLUSH_S = 120.0
 """Choice: time limit for the viewer to take what was sent."""
 
 PROBE_BYTES = 1 << 16
-"""Bytes that the disk must have room for before a log is begun."""
+"""Bytes that the disk must have room for before a log is begun, and besides its points before each frame."""
 
 
 class LabelledBox(Protocol):
@@ -73,13 +75,13 @@ def rerun_frames(path: str | os.PathLike[str], *, epoch_ns: int | None = None) -
     """
     rerun = import_optional("rerun", extra="rerun")
     with atomic_output(path) as temporary:
-        # Rerun's own thread waits for ever where it has no room for the first bytes; later it raises an error.
+        # Rerun's own thread may wait for ever where it has no room: `RerunLog` asks for it before each frame.
         temporary.write_bytes(bytes(PROBE_BYTES))
         with library_errors(path):
             # The same name has the same recording, so that a viewer replaces what it shows of it.
             stream = rerun.RecordingStream("lidarscene", recording_id=uuid.uuid5(uuid.NAMESPACE_URL, Path(path).name))
             stream.save(temporary)
-        log = RerunLog(path, stream, epoch_ns)
+        log = RerunLog(path, stream, epoch_ns, folder=temporary.parent)
         yield log
         log.flush()
         stream.disconnect()
@@ -113,9 +115,12 @@ def require_viewer() -> None:
 class RerunLog:
     """Open log: a function that appends clouds."""
 
-    def __init__(self, path: str | os.PathLike[str], stream: Any, epoch_ns: int | None) -> None:
+    def __init__(
+        self, path: str | os.PathLike[str], stream: Any, epoch_ns: int | None, *, folder: Path | None = None
+    ) -> None:
+        """Begin a log of a stream; ``folder`` is that of its file, if it has one."""
         self._rerun = import_optional("rerun", extra="rerun")
-        self._path, self._stream, self._epoch_ns = path, stream, epoch_ns
+        self._path, self._stream, self._epoch_ns, self._folder = path, stream, epoch_ns, folder
         self._mountings: dict[str, Pose] = {}
         self._colours: dict[str, int] = {}
         self._way_m: list[list[float]] = []
@@ -192,6 +197,9 @@ class RerunLog:
         points = rerun.Points3D(cloud.xyz_m.astype(np.float32), colors=self._point_colours(cloud))
         columns = {column.name: cloud.column(column.name) for column in cloud.columns if column.name not in "xyz"}
         beside = [rerun.AnyValues(**columns)] if len(cloud) else []  # none may be empty
+        size = PROBE_BYTES + cloud.xyz_m.nbytes + sum(column.nbytes for column in columns.values())
+        if self._folder is not None and shutil.disk_usage(self._folder).free < size:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         self._stream.log(f"{entity}/points", points, *beside)
 
     def _append_vehicle(self, pose: Pose, start_s: float) -> None:

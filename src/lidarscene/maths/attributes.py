@@ -75,7 +75,7 @@ def _numbers_of(part: object) -> list[str]:
     return [*getattr(kind, "__dataclass_fields__", ()), *properties] if is_dataclass(kind) else []
 
 
-def _refuse_to_set(owner: HintedAttributes, word: str, _: object) -> None:
+def refuse_to_set(owner: HintedAttributes, word: str, _: object) -> None:
     """Refuse to set an attribute, and say what makes a changed object."""
     hint = f"; {owner.CHANGED_BY}" if owner.CHANGED_BY else ""
     raise FrozenInstanceError(f"{type(owner).__name__}.{word} cannot be set{hint}")
@@ -162,8 +162,9 @@ class HintedAttributes(metaclass=_HintedClass):
         super().__init_subclass__(**options)
         if "__init__" in vars(cls):
             setattr(cls, "__init__", answers_calls(cls.__init__))  # noqa: B010
-        if "__setattr__" in vars(cls):  # a frozen dataclass, which says no more than that it cannot be set
-            setattr(cls, "__setattr__", _refuse_to_set)  # noqa: B010
+        # A frozen dataclass says no more than that it cannot be set.
+        if {"__setattr__", "__dataclass_fields__"} <= vars(cls).keys():
+            setattr(cls, "__setattr__", refuse_to_set)  # noqa: B010
         for operator in _OPERATORS.keys() & cls.FOREIGN_NAMES.keys():
             setattr(cls, operator, _refusal_of(operator, cls.FOREIGN_NAMES[operator]))
         if "__getitem__" in cls.FOREIGN_NAMES:

@@ -131,6 +131,7 @@ def record(
     keywords.end()
     if frames is not None:
         FRAMES.check("frames", frames)
+        frames = int(frames)  # one of NumPy would overflow beside a number that is larger
     rig = sensor if isinstance(sensor, Rig) else None
     if changes and isinstance(sensor, Rig | Sensor):
         raise OptionError("{overrides}: needs the name or file of a sensor, got a {0}", type(sensor).__name__)

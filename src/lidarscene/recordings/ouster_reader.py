@@ -43,7 +43,7 @@ def open_ouster(path: Path, metadata: Path | None, sensor_index: int = 0) -> Rec
             with input_errors(metadata_file):
                 info = core.SensorInfo(metadata_file.read_text())
             options = {"meta": [str(metadata_file)]}
-            _require_one_whole(path, core.PacketFormat.from_info(info), info)
+            _require_one_sensor(path, core.PacketFormat.from_info(info), info)
         elif metadata is not None:
             raise OptionError("{metadata} {0}: needs a pcap; an OSF contains its metadata", metadata)
         with input_errors(path):
@@ -100,16 +100,16 @@ def _path_with_index(path: Path, sensor_index: int, resources: ExitStack) -> Pat
     return Path(shutil.copy(path, folder))
 
 
-def _require_one_whole(path: Path, layout: Any, info: Any) -> None:
-    """Raise InputError for a pcap that is cut off, or has two sensors that only their addresses tell apart.
+def _require_one_sensor(path: Path, layout: Any, info: Any) -> None:
+    """Raise InputError for a damaged pcap, or one with two sensors that only their addresses tell apart.
 
-    ouster-sdk would silently read the frames before the cut, and the packets of both as of one.
+    ouster-sdk would silently read the frames before the damage, and the packets of both as of one.
     """
     senders: dict[str, None] = {}
     port = info.config.udp_port_lidar
     with input_errors(path):
         data = map_file(path)
-        for _, link, record in records_of(data):
+        for _, link, record in records_of(data, path):
             datagram = udp_datagram(data, record, link, whole=False)
             if datagram is None or datagram[0][1] != port:
                 continue

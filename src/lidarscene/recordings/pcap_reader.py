@@ -37,6 +37,9 @@ TAGS = (b"\x81\x00", b"\x88\xa8")
 
 UDP = 17
 
+LONGEST_PACKET = 262_144
+"""Source: libpcap, MAXIMUM_SNAPLEN; bytes of the longest packet that is captured. A longer one is damage."""
+
 LATEST_S = 0.1
 """Choice: time by which a network hands a packet on too late, at most; a clock that goes farther back was set."""
 
@@ -69,14 +72,14 @@ class Packets(Sequence[Packet]):
 
 
 def packets_of(path: Path, predicate: Callable[[bytes], bool] = lambda _: True) -> Packets:
-    """UDP packets of one sender whose payload satisfies ``predicate``; ValueError if it is no pcap or is cut off.
+    """UDP packets of one sender whose payload satisfies ``predicate``; ValueError if it is no pcap or is damaged.
 
     The sender is that of the first such packet, with the port that it sends to; a warning names it if there are others.
     """
     times, starts, stops = array("d"), array("q"), array("q")
     data = map_file(path)
     senders: dict[tuple[str, int], None] = {}
-    for time_s, link, record in records_of(data):
+    for time_s, link, record in records_of(data, path):
         datagram = udp_datagram(data, record, link)
         if datagram is None or not predicate(data[datagram[1]]):
             continue
@@ -122,8 +125,11 @@ def map_file(path: Path) -> mmap.mmap:
         return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
 
 
-def records_of(data: mmap.mmap) -> Iterator[tuple[float, int, slice]]:
-    """Yield time [s], link type and slice of each record; ValueError for a file that is no pcap or is cut off."""
+def records_of(data: mmap.mmap, path: Path) -> Iterator[tuple[float, int, slice]]:
+    """Yield time [s], link type and slice of each record; ValueError for a file that is no pcap or is damaged.
+
+    A recorder that is broken off leaves a part of its last packet: a warning says that it is left out.
+    """
     header = data[:HEADER_BYTES]
     if header[:4] == b"\x0a\x0d\x0d\x0a":
         raise ValueError("must be a pcap, got a pcapng; Wireshark's 'editcap -F pcap' turns one into the other")
@@ -136,11 +142,14 @@ def records_of(data: mmap.mmap) -> Iterator[tuple[float, int, slice]]:
     offset, count, record = HEADER_BYTES, 0, struct.Struct(order + "IIII")
     while offset < len(data):
         start = offset + RECORD_BYTES
-        seconds, fraction_steps, size = (
-            record.unpack_from(data, offset)[:3] if start <= len(data) else (0, 0, len(data))
-        )
+        seconds, fraction_steps, size = record.unpack_from(data, offset)[:3] if start <= len(data) else (0, 0, 0)
+        if size > LONGEST_PACKET:
+            raise ValueError(f"damaged: packet {count + 1} must have at most {LONGEST_PACKET} bytes, got {size}")
         if start + size > len(data):
-            raise ValueError(f"truncated: it ends within packet {count + 1}")
+            if not count:
+                raise ValueError("truncated: it ends within packet 1")
+            warn(OptionWarning("{0}: ends within packet {1}, which is left out", path, count + 1))
+            return
         yield seconds + fraction_unit_s * fraction_steps, link, slice(start, start + size)
         offset, count = start + size, count + 1
 

@@ -72,7 +72,7 @@ def render_frames(
     Whole(1, NUMBERS.high).check("frames", frames)
     keep_rays = options.pop("keep_rays", False)
     simulator, first, observers = _prepare(scene, sensor, overrides, scene_overrides, options, frames)
-    numbers = range(first.number, first.number + frames)
+    numbers = range(first.number, first.number + int(frames))
     simulator.check_frames(numbers, begin_s=first.begin_s)
 
     def frame(number: int) -> PointCloud | DeviceCloud:

@@ -70,6 +70,7 @@ class LiveSimulator(Simulator):
         **dict.fromkeys(("ego", "set_ego", "set_ego_pose"), "live.move_ego(pose)"),
         **dict.fromkeys(("spawn", "create"), 'live.add("car", pose)'),
     }
+    CHANGED_BY: ClassVar[str] = 'live.place("car", pose) and live.move_ego(pose) change what stands where'
     _takes_turns = False
 
     @checks_arguments
@@ -272,18 +273,18 @@ class LiveSimulator(Simulator):
                 bodies[self._number[name]] = replace(body, motion=motion, present_s=present_s, gait=gait)
         for name, absent in (absence or {}).items():
             bodies[self._number[name]] = replace(bodies[self._number[name]], away=absent)
-        self.scene = replace(self.scene, bodies=tuple(bodies), ego=ego)
-        self.world = self.world.with_bodies(bodies)
         self._forget_launches()
         around = self._everywhere
         box_bodies = [bodies[self._number[body.name]] for body in around.bodies]
         present = np.array([not body.away for body in box_bodies], bool)
-        self.clearance = Clearance(
+        clearance = Clearance(
             bodies=tuple(body for body in box_bodies if not body.away),
             boxes=around.boxes[present],
             around=around.around[present],
             blocks=around.blocks,
         )
+        scene = replace(self.scene, bodies=tuple(bodies), ego=ego)
+        vars(self).update(scene=scene, world=self.world.with_bodies(bodies), clearance=clearance)
 
 
 @dataclass(slots=True)

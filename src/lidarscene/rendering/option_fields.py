@@ -12,7 +12,7 @@ import math
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import MISSING, Field, field, fields
-from numbers import Integral, Real
+from numbers import Integral, Number, Real
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol, TypeVar, cast
@@ -173,12 +173,17 @@ def _options_of(kind: Any) -> Mapping[str, tuple[Field[Any], Declaration]]:
 
 
 def check_options(options: Any) -> None:
-    """Raise OptionError for an option out of its values; the default is one of them, or None."""
+    """Raise OptionError for an option out of its values; the default is one of them, or None.
+
+    Numbers of NumPy become Python's: those of few bytes overflow, or lose digits, in products of them.
+    """
     kind: Any = type(options)
     for name, (entry, declaration) in options_of(kind).items():
         value = getattr(options, name)
         if value is entry.default:
             continue
+        if isinstance(value, Number) and hasattr(value, "item"):
+            object.__setattr__(options, name, value := value.item())
         if isinstance(entry.default, bool):
             if not is_of_type(value, bool):
                 raise OptionError(f"{{{name}}}: must be True or False, got {{0!r}}", value)

@@ -37,7 +37,7 @@ from ..kernel.world.mitsuba_world import World, build_world
 from ..light.beams import reported_beams
 from ..light.echoes import EchoTrain
 from ..maths.arrays import Array, Mask, Numbers
-from ..maths.attributes import HintedAttributes
+from ..maths.attributes import HintedAttributes, refuse_to_set
 from ..maths.pose import Pose
 from ..maths.random import Seed
 from ..maths.trajectory import Motion, pose_at
@@ -114,6 +114,9 @@ class Simulator(HintedAttributes):
             ("set_pose", "move", "add", "remove"), "LiveSimulator(scene, sensor) has bodies and an ego that move"
         ),
     }
+    CHANGED_BY: ClassVar[str] = (
+        "Simulator(scene, sensor) is made for one scene and sensor; simulator.render(pose=...) is from another place"
+    )
     _takes_turns = True
     """Whether bodies that hide may share a place among the movers (`build_world`)."""
 
@@ -160,10 +163,9 @@ class Simulator(HintedAttributes):
         self._prepare_stages()
         rings = sensor.rings_by_channel
         self._rings = None if rings is None else transfer.whole_numbers(rings)
-        self.class_names = self.world.class_names
-        self._air_classes = None
-        if (air := self._stages.air) is not None:
-            self.class_names = tuple(dict.fromkeys((*self.class_names, *air.names)))
+        air, self._air_classes = self._stages.air, None
+        self.class_names = tuple(dict.fromkeys((*self.world.class_names, *(air.names if air is not None else ()))))
+        if air is not None:
             sources = (air.strongest, *air.sources)
             self._air_classes = transfer.whole_numbers([self.class_names.index(name) for name in sources])
 
@@ -198,6 +200,12 @@ class Simulator(HintedAttributes):
         self._forget_launches()
         self._stages = replace(self._stages, traced=traced)
         self._chain = Chain(self._stages)
+
+    def __setattr__(self, word: str, value: object) -> None:
+        """Set an attribute, but none of what the stages are compiled for: the others would not follow."""
+        if word in vars(self) and not word.startswith("_"):
+            refuse_to_set(self, word, value)
+        super().__setattr__(word, value)
 
     def __repr__(self) -> str:
         return f"Simulator({self.sensor!r} in {self.scene!r})"
@@ -817,7 +825,7 @@ class Simulator(HintedAttributes):
         (piece,) = pieces_of(self.scene, [self.start_s(options)])
         if piece != self._piece:
             self._piece = piece
-            self.world = self._build_world()
+            vars(self)["world"] = self._build_world()
             self._prepare_stages()
         return self._frame(options)
 

@@ -28,6 +28,13 @@ def test_a_static_field_stays_a_number_of_python(mi: Any) -> None:
     assert is_drjit(on_device.shots)
 
 
+def test_numbers_of_numpy_are_opaque_too(mi: Any) -> None:
+    """Rationale: each was a literal, and so a kernel of its own; one of half precision ended the process."""
+    on_device = transfer.opaque(Newcomer(gain=np.float16(0.5), shots=np.int8(7)))
+    assert (type(on_device.gain), type(on_device.shots)) == (mi.Float, mi.Int32)
+    assert (on_device.gain[0], on_device.shots[0]) == (0.5, 7)
+
+
 def test_what_is_fetched_is_computed_together(mi: Any) -> None:
     """One kernel for all arrays of a description: each for itself would compute what they share once more."""
     shared = transfer.counter(1, 5) * 3

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +50,21 @@ o back
 usemtl dark brick
 f 2 3 5
 """
+
+
+def test_ctrl_c_within_a_parser_is_heard(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rationale: a parser of trimesh caught it as if a texture were damaged, and the mesh without it was kept."""
+    loader = trimesh.load_scene
+
+    def load(*arguments: Any, **settings: Any) -> Any:
+        with contextlib.suppress(BaseException):
+            signal.raise_signal(signal.SIGINT)
+        return loader(*arguments, **settings)
+
+    (tmp_path / "a.obj").write_text(HOUSE.format(mtl="# not in the cache"), encoding="utf-8")
+    monkeypatch.setattr(trimesh, "load_scene", load)
+    with pytest.raises(KeyboardInterrupt):
+        read_mesh(tmp_path / "a.obj")
 
 
 def coloured_box(name: str, colour: list[float]) -> trimesh.Trimesh:

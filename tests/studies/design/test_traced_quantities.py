@@ -87,6 +87,31 @@ def test_expected_points_are_the_mean_of_drawn_frames(tmp_path: Path) -> None:
     assert expected["night"] > expected["walls"]
 
 
+@pytest.mark.parametrize("key", ['"tdc.window_us" = 1.7', '"tdc.blanking_ns" = 420'])
+def test_no_point_is_expected_where_the_converter_does_not_listen(key: str, tmp_path: Path) -> None:
+    """A window up to 255 m, before the wall, and a blanking up to 63 m, behind the nearer person: both lost theirs in
+    every frame, and were counted. Limits as in the test above.
+    """
+    (tmp_path / "scene.toml").write_text(SCENE, encoding="utf-8")
+    text = STUDY.replace("[free]", f"{key}\n[free]").replace("least_points = 3", "least_points = 10")
+    (tmp_path / "study.toml").write_text(text, encoding="utf-8")
+    _, evaluator = load_study(tmp_path / "study.toml")
+    values = {"detector.gain": 60.0}
+    expected = evaluator(values)
+    (sensor,) = evaluator.space.sensors(values).values()
+    cloud = Simulator(load_scene(tmp_path / "scene.toml"), sensor).render()
+    assert cloud.body is not None
+    echoes = cloud.body[cloud.status == 0]
+    near, wall = ((echoes == cloud.body_names.index(name)).sum() for name in ("near", "wall"))
+    if "window" in key:
+        assert (wall, expected["walls"]) == (0, 0.0)
+        assert near > 20
+    else:
+        assert near == 0
+        assert expected["people"] < 0.5
+        assert wall == pytest.approx(expected["walls"], abs=4.0 * np.sqrt(expected["walls"]))
+
+
 def test_rays_are_traced_once_where_nothing_free_moves_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Gain, power, threshold and light trace nothing new; mounting and wavelength do. Every quantity is that of a fresh
     bench to 1e-5, which single precision sums in another order.

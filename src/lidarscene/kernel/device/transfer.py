@@ -24,7 +24,7 @@ from .types import DeviceArray
 
 
 def opaque(value: object, *, double: bool = False) -> Any:
-    """Return a copy in which every float and int is opaque, however deep in frozen dataclasses and tuples.
+    """Return a copy in which every float and int is opaque, NumPy's too, however deep in frozen dataclasses and tuples.
 
     Fields that are `maths.units.STATIC`, strings, booleans, None, poses and arrays stay as they are: they select code
     or never enter a kernel. Tables stay too; they are uploaded at their first lookup.
@@ -32,6 +32,8 @@ def opaque(value: object, *, double: bool = False) -> Any:
     Args:
         double: floats become double precision, and (n,) NumPy arrays are uploaded in it
     """
+    if isinstance(value, np.generic):
+        value = value.item()
     if isinstance(value, bool | LookupTable):  # bool before int, of which it is a subclass
         return value
     if isinstance(value, float | int):

@@ -20,7 +20,7 @@ import numpy as np
 
 from ...errors import InputError, LidarSceneError
 from ...files.inputs import LARGEST_PART, require_archive, require_file
-from ...files.trimesh import trimesh
+from ...files.trimesh import signals_heard, trimesh
 from ...materials.material import Material
 from ...maths.arrays import Numbers
 from . import reflectivity_patterns
@@ -129,8 +129,9 @@ def _pieces(
             if path.suffix.lower() in GLTF:
                 return read_gltf(path, pattern, clips)
             warnings.simplefilter("ignore")
-            loaded = _load_trimesh(path)
-            pieces = pieces_of(loaded)
+            with signals_heard():  # else a texture is left out for good: the mesh without it goes into the cache
+                loaded = _load_trimesh(path)
+                pieces = pieces_of(loaded)
             if pattern is None:
                 return [piece for _, piece in pieces]
             return [_add_pattern(piece, loaded.geometry[loaded.graph[node][1]], pattern) for node, piece in pieces]

@@ -204,7 +204,7 @@ def _bench(study: StudyFile, folder: Path) -> Bench:
 
 
 class _Seen:
-    """Detection probabilities of all pulses of a design on the bodies of the scene."""
+    """Probabilities of a point of all pulses of a design on the bodies of the scene: P_d within the window, else 0."""
 
     def __init__(self, bench: Bench, sensors: Mapping[str, Sensor], illuminance_klux: float | None) -> None:
         self.scene = bench.scene
@@ -212,8 +212,10 @@ class _Seen:
         for label, sensor in sensors.items():
             surfaces = bench.observe(label, sensor, illuminance_klux=illuminance_klux).rated_surfaces
             assert surfaces.probability is not None
+            range_m = surfaces.true_range_m
+            listens = (range_m > plane.blanking_m(sensor)) & (range_m <= plane.window_m(sensor))
             self._body.append(surfaces.body.astype(np.int64))
-            self._probability.append(np.where(surfaces.body >= 0, surfaces.probability, 0.0))
+            self._probability.append(np.where((surfaces.body >= 0) & listens, surfaces.probability, 0.0))
 
     def quantity(self, entry: QuantityFile) -> float:
         """Value of a traced quantity."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...cloud.point_cloud import PointCloud
+from ...detection.outcomes import Status
 from ...maths.pose import Pose
 from ...rendering.rig_simulators import simulators
 from ...scene.scene import Scene
@@ -19,7 +20,7 @@ from ...sensor.rig_file import Mounted
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BodyPoints:
-    """Points of one sensor's frame on one body.
+    """Echoes of one body in one sensor's frame; a false alarm has the truth of its beam, but is on no body.
 
     Attributes:
         label: class of the body
@@ -55,9 +56,9 @@ def _points_by_body(cloud: PointCloud) -> list[BodyPoints]:
     assert cloud.body is not None
     assert cloud.class_id is not None
     assert cloud.true_range_m is not None
-    bodies = []
-    for body in np.unique(cloud.body[cloud.body >= 0]):
-        on_body = cloud.body == body
+    bodies, is_echo = [], cloud.status == Status.ECHO
+    for body in np.unique(cloud.body[is_echo & (cloud.body >= 0)]):
+        on_body = is_echo & (cloud.body == body)
         label = cloud.class_names[int(cloud.class_id[on_body][0])] if cloud.class_id[on_body][0] >= 0 else ""
         if label:
             bodies.append(

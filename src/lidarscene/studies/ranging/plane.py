@@ -274,6 +274,11 @@ def window_m(sensor: Sensor) -> Any:
     return radiometry.range_from_time_of_flight_m(time_of_flight_s=sensor.tdc.window_s)
 
 
+def blanking_m(sensor: Sensor) -> Any:
+    """Range at the end of the sensor's blanking."""
+    return radiometry.range_from_time_of_flight_m(time_of_flight_s=sensor.tdc.blanking_s)
+
+
 def range_at_probability_m(sensor: Sensor, target: Target, probability: float) -> float:
     """`reported_range_m` of one condition, without its status."""
     return float(reported_range_m(sensor, target, probability)[0])
@@ -286,8 +291,7 @@ def reported_range_m(sensor: Sensor, target: Target, probability: float) -> tupl
     """
     limit, status = detection_range_m(sensor, target, probability)
     end = window_m(sensor)
-    start = radiometry.range_from_time_of_flight_m(time_of_flight_s=sensor.tdc.blanking_s)
-    blanked = (limit > 0.0) & (limit <= start)
+    blanked = (limit > 0.0) & (limit <= blanking_m(sensor))
     status = np.where(limit > end, RangeStatus.WINDOW, np.where(blanked, RangeStatus.NEVER_DETECTED, status))
     reported = np.where(blanked, 0.0, np.minimum(limit, end))
     if not np.shape(reported):
