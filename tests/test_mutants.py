@@ -1,13 +1,13 @@
 """tools/mutants.py: changes that a file can have, and that a test's verdict is that of the changed file."""
 
 import ast
-import importlib.util
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 from helpers.child import FEW_PLUGINS
+from helpers.sources import module_of
 
 ROOT = Path(__file__).parents[1]
 CODE = '''"""A module."""
@@ -27,9 +27,7 @@ def clipped(value: int = 2, *, low: float) -> float:
 @pytest.fixture
 def tool(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     monkeypatch.setitem(sys.modules, "mutants", None)
-    spec = importlib.util.spec_from_file_location("mutants", ROOT / "tools" / "mutants.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = module_of(ROOT / "tools" / "mutants.py")
     monkeypatch.setattr(module, "ROOT", tmp_path)
     monkeypatch.setattr(module, "KEPT", tmp_path / "out")
     return module

@@ -1,6 +1,5 @@
 """`make release`: what it refuses, on archives made here; `tools/environments.py wheel` builds real ones."""
 
-import importlib.util
 import io
 import subprocess
 import tarfile
@@ -11,6 +10,7 @@ from typing import Any
 
 import pytest
 from helpers.documentation import ROOT
+from helpers.sources import module_of
 
 from lidarscene import __version__
 
@@ -23,11 +23,7 @@ LICENCES = {f"{INFO}/licenses/LICENSE", f"{INFO}/licenses/src/lidarscene/catalog
 @pytest.fixture
 def release(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     """tools/release.py, whose repository has the files of TRACKED."""
-    spec = importlib.util.spec_from_file_location("release", ROOT / "tools" / "release.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = module_of(ROOT / "tools" / "release.py")
     monkeypatch.setattr(module, "tracked", lambda: TRACKED)
     return module
 

@@ -1,20 +1,18 @@
 """Constants: each named number says whether it has a source, buys accuracy, or is a choice (CONTRIBUTING.md)."""
 
 import gc
-import importlib.util
 from functools import cache
 from pathlib import Path
 
 import pytest
+from helpers.sources import module_of
 
 ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
 def tool():
-    spec = importlib.util.spec_from_file_location("constants", ROOT / "tools" / "constants.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = module_of(ROOT / "tools" / "constants.py")
     module.constants = cache(lambda code, read=module.constants: tuple(read(code)))
     gc.disable()  # a search for garbage in each tree takes four times as long as to make it
     yield module

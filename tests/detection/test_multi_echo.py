@@ -34,6 +34,11 @@ SENSORS = {
     "filtered cells": ("table1-sipm", "tdc.threshold_to_noise=3.5", "receiver.response='single_pole'"),
     "raw": ("table1-apd", "tdc.threshold_to_noise=3.5", "tdc.walk='raw'", "tdc.stops=3", "tdc.jitter_ps=40"),
     "no walk": ("table1-apd", "tdc.threshold_to_noise=3.5", "tdc.walk='none'", "tdc.lsb_ps=100"),
+    "clipped": ("table1-apd", "tdc.threshold_to_noise=3.5", "detector.saturation_ua=50", "detector.recovery_ns=5"),
+    **{
+        rule: ("table1-apd", "tdc.threshold_to_noise=3.5", "tdc.edges='both'", f"tdc.timing='{rule}'")
+        for rule in ("leading_edge", "constant_fraction", "peak", "matched_filter")
+    },
 }
 
 # A comparator at half an ampere whose noise is 2e-4 of that: times and places without noise.
@@ -54,7 +59,7 @@ def test_the_highest_pulse_is_that_behind_the_matched_filter():
 
 
 @pytest.mark.parametrize("sub_echoes", [1, 3, 16])
-@pytest.mark.parametrize("name", chosen(4, list(SENSORS)))
+@pytest.mark.parametrize("name", chosen(6, list(SENSORS)))
 def test_sub_echoes_at_one_range_are_one_echo(name, sub_echoes):
     """The lone echo's closed form, pulse by pulse, with false alarms; 1 ps and 1e-5 are asked, and rounding is left: of
     differences between places of 10^4 sigmas, 1e-10.
@@ -83,6 +88,8 @@ def test_sub_echoes_at_one_range_are_one_echo(name, sub_echoes):
             stop.range_m[reported], expected_stop.range_m[reported], rtol=0.0, atol=1e-4 * PICOSECOND_M
         )
         np.testing.assert_allclose(stop.amplitude[reported], expected_stop.amplitude[reported], rtol=1e-9)
+        if equipped.tdc.both_edges:
+            np.testing.assert_allclose(stop.width_s[reported], expected_stop.width_s[reported], rtol=1e-9, atol=2e-15)
         echo = reported & (expected_stop.status == 0)
         np.testing.assert_allclose(stop.snr[echo], expected.snr[echo], rtol=1e-9)
         np.testing.assert_allclose(stop.true_range_m[echo], range_m[echo], rtol=1e-12)

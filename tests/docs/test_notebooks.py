@@ -16,6 +16,7 @@ from helpers.documentation import ROOT
 from helpers.in_this_process import draw_roughly
 from helpers.notebooks import run, written
 from helpers.run_seed import chosen
+from helpers.sources import module_of
 from helpers.twins import use_few_evaluations, use_few_trees
 
 from lidarscene.formats.registry import SUFFIXES
@@ -103,9 +104,7 @@ def test_a_notebook_installs_the_package_where_it_is_missing(path: Path, monkeyp
 
 
 def test_a_repository_of_github_has_links_to_services() -> None:
-    spec = importlib.util.spec_from_file_location("notebook_pages", ROOT / "docs" / "notebook_pages.py")
-    pages = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(pages)
+    pages = module_of(ROOT / "docs" / "notebook_pages.py")
     for address in ("https://github.com/me/lidar", "https://github.com/me/lidar.git"):
         text = pages._services("child", address)
         assert "(https://colab.research.google.com/github/me/lidar/blob/main/docs/notebooks/child.ipynb)" in text

@@ -1,11 +1,11 @@
 """The reference for Python has every public name, and what the hooks of the site add to docstrings."""
 
-import importlib.util
 import pkgutil
 from types import ModuleType
 
 import pytest
 from helpers.documentation import ROOT, text_of
+from helpers.sources import module_of
 
 import lidarscene
 from lidarscene.rendering.option_fields import options_of
@@ -16,12 +16,7 @@ PHYSICS = ROOT / "src" / "lidarscene" / "physics"
 def hook(name: str) -> ModuleType:
     """A hook that the site is built with."""
     pytest.importorskip("mkdocs")
-    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return module_of(ROOT / "docs" / f"{name}.py")
 
 
 def names_of_page(page: str) -> list[str]:

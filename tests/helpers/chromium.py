@@ -96,6 +96,18 @@ class Chromium:
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
 
+    def enter(self, field: str, value: object, *, of: str = "value", event: str = "change") -> None:
+        """Change a field, which a CSS selector finds, as a user does."""
+        self.value(f"""(field => {{
+            field.{of} = {json.dumps(value)};
+            field.dispatchEvent(new Event('{event}'));
+        }})(document.querySelector({json.dumps(field)}))""")
+
+    def box(self, element: str) -> Any:
+        """Left, top, width and height of what an expression is, in the window."""
+        sides = "({left, top, width, height}) => [left, top, width, height]"
+        return self.value(f"({sides})({element}.getBoundingClientRect())")
+
     def until(self, condition: str) -> None:
         """Wait for an expression that becomes true; what is not defined yet is not."""
         milliseconds = PATIENCE_S * 1e3

@@ -21,7 +21,7 @@ import numpy as np
 
 from helpers.clouds import small_cloud
 from helpers.formats import PLACED, write_bag
-from helpers.packets import packets_of, random_frame
+from helpers.packets import firings_of, packets_of, random_frame
 from helpers.recordings import OUSTER, hesai_packet, pcap, scan_bag, turns, vls_packet
 from helpers.spoiling import number, other_numbers, spoilt, spoilt_bytes, spoilt_lines, text
 from lidarscene.errors import InputError, LidarSceneError
@@ -70,13 +70,9 @@ def _ouster(folder: Path) -> Path:
 
 def _our_ouster(profile: str) -> Callable[[Path], Path]:
     def write(folder: Path) -> Path:
-        from lidarscene.formats.packets.firings import FiringsBuilder
-
         sensor = load_sensor("os0-128", overrides=["scanner.columns_per_turn=512"])
         with pcap_stream(folder / "ours.pcap", select_encoder(sensor, profile)) as take:
-            firings = FiringsBuilder(sensor, 0)
-            firings.add(random_frame(sensor))
-            take(firings.firings())
+            take(firings_of(sensor))
         path = folder / "ours.pcap"
         data = path.read_bytes()
         records = [record for _, _, record in records_of(map_file(path), path)]

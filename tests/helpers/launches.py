@@ -15,8 +15,12 @@ computes points 409."""
 
 
 @contextmanager
-def launched() -> Iterator[list[Kernel]]:
-    """The kernels of our formulas that are launched in this block; the list is filled when it ends."""
+def launched(after: Sequence[Kernel] | None = None) -> Iterator[list[Kernel]]:
+    """The kernels of our formulas that are launched in this block; the list is filled when it ends.
+
+    Args:
+        after: kernels launched before, beside which none of the block may be new
+    """
     import drjit as dr
 
     kernels: list[Kernel] = []
@@ -26,6 +30,8 @@ def launched() -> Iterator[list[Kernel]]:
         yield kernels
         dr.sync_thread()
         kernels += dr.kernel_history((dr.KernelType.JIT,))
+    if after is not None:
+        assert_none_is_new(kernels, after)
 
 
 def new(later: Sequence[Kernel], before: Sequence[Kernel]) -> list[Kernel]:

@@ -3,6 +3,8 @@
 import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -33,24 +35,50 @@ def mistakes(table: str, **words: str) -> pytest.MarkDecorator:
 
 
 def calls(*rows: tuple[Any, ...]) -> Callable[..., None]:
-    """Test of a table of calls, each in an empty folder.
+    """Test of a table of calls, each in a folder where nothing is written.
 
     Args:
-        rows: a call, `NAMED | NAMED ...`, and the error's class if it is not InputError
+        rows: a call, whose parameters without defaults are fixtures, `NAMED | NAMED ...`, and the error's class if it
+            is not InputError
     """
     cases = [pytest.param(call, named, *(error or [InputError]), id=named) for call, named, *error in rows]
 
     @pytest.mark.parametrize(("call", "named", "error"), cases)
     def test(
-        call: Callable[[], Any], named: str, error: type[Exception], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+        call: Callable[..., Any],
+        named: str,
+        error: type[Exception],
+        request: pytest.FixtureRequest,
+        tmp_path: Path,
+        monkeypatch: pytest.MonkeyPatch,
     ) -> None:
+        fixtures = {
+            name: request.getfixturevalue(name)
+            for name, entry in signature(call).parameters.items()
+            if entry.default is entry.empty and entry.kind is not entry.VAR_POSITIONAL
+        }
+        before = {path.name for path in tmp_path.iterdir()}
         monkeypatch.chdir(tmp_path)
         with told(named, error):
-            call()
-        assert {path.name for path in tmp_path.iterdir()} <= {GIVEN}
+            call(**fixtures)
+        assert {path.name for path in tmp_path.iterdir()} <= before | {GIVEN}
 
     table: Callable[..., None] = test
     return table
+
+
+def refused(
+    call: Callable[..., Any], *rows: tuple[Any, ...], where: str = "", error: type[Exception] = InputError
+) -> Callable[..., None]:
+    """Test of a table of values that a function refuses, by `calls`.
+
+    Args:
+        call: function of a row's values, and of fixtures
+        rows: values, and `NAMED | NAMED ...`
+        where: what all rows name
+    """
+    prefix = f"{where} | " if where else ""
+    return calls(*((partial(call, *values), prefix + named, error) for *values, named in rows))
 
 
 def given_file(name: str, content: str | bytes = "") -> Path:

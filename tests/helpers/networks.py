@@ -86,37 +86,43 @@ ROUTES = """<routes>
 """
 
 
-def bridge(folder: Path) -> Path:
-    """Write a road to the east and one to the north 6 m above it, with one car each; return the configuration."""
+def scenario(folder: Path, name: str, nodes: str, edges: str, routes: str, *options: str, more: str = "") -> Path:
+    """Write a network of these nodes and edges, by netconvert, with routes; return the configuration.
+
+    Args:
+        options: of netconvert
+        more: tables of the configuration
+    """
     import sumo
 
+    for suffix, text in (("nod", f"<nodes>{nodes}</nodes>"), ("edg", f"<edges>{edges}</edges>"), ("rou", routes)):
+        (folder / f"{name}.{suffix}.xml").write_text(text)
+    program = str(Path(sumo.SUMO_HOME) / "bin" / "netconvert")
+    files = ["-n", f"{name}.nod.xml", "-e", f"{name}.edg.xml", "-o", f"{name}.net.xml"]
+    subprocess.run([program, *files, *options], check=True, capture_output=True, cwd=folder)
+    path = folder / f"{name}.sumocfg"
+    files_of = f'<net-file value="{name}.net.xml"/><route-files value="{name}.rou.xml"/>'
+    path.write_text(f"<configuration><input>{files_of}</input>{more}</configuration>")
+    return path
+
+
+def bridge(folder: Path) -> Path:
+    """Write a road to the east and one to the north 6 m above it, with one car each; return the configuration."""
     ends = [("w", -200, 0), ("e", 200, 0), ("s", 0, -200), ("n", 0, 200)]
-    nodes = [f'<node id="{name}" x="{x}" y="{y}" z="0"/>' for name, x, y in ends]
+    nodes = "".join(f'<node id="{name}" x="{x}" y="{y}" z="0"/>' for name, x, y in ends)
     hump = [(0, -200, 0), (0, -150, 0), (0, -100, 2), (0, -50, 5), (0, -20, 6)]
     hump += [(0, -y, z) for _, y, z in hump[::-1]]
     shape = " ".join(f"{x},{y},{z}" for x, y, z in hump)
     edges = '<edge id="we" from="w" to="e" numLanes="1" speed="14"/>'
     edges += f'<edge id="sn" from="s" to="n" numLanes="1" speed="14" shape="{shape}"/>'
-    (folder / "b.nod.xml").write_text(f"<nodes>{''.join(nodes)}</nodes>")
-    (folder / "b.edg.xml").write_text(f"<edges>{edges}</edges>")
-    program = str(Path(sumo.SUMO_HOME) / "bin" / "netconvert")
-    plain = ["-n", str(folder / "b.nod.xml"), "-e", str(folder / "b.edg.xml"), "-o", str(folder / "b.net.xml")]
-    subprocess.run([program, *plain], check=True, capture_output=True)
     trips = "".join(f'<trip id="{name}" depart="0" from="{name}" to="{name}" departPos="60"/>' for name in ("we", "sn"))
-    (folder / "b.rou.xml").write_text(f"<routes>{trips}</routes>")
-    path = folder / "bridge.sumocfg"
-    path.write_text(
-        '<configuration><input><net-file value="b.net.xml"/><route-files value="b.rou.xml"/></input></configuration>'
-    )
-    return path
+    return scenario(folder, "bridge", nodes, edges, f"<routes>{trips}</routes>")
 
 
 def wide_crossing(folder: Path, *, keeps_left: bool) -> Path:
     """Write roads of lanes 4.5 and 3 m wide, 3 m of island between the directions, which meet at lights, and a ring;
     return the configuration. Where traffic keeps to the left all is mirrored, y for -y.
     """
-    import sumo
-
     side = -1 if keeps_left else 1
     ends = {"w": (-150, 0), "m": (0, 0), "e": (150, 40), "n": (10, 150)}
     ring = {f"r{k}": (300 + 20 * math.cos(k * math.pi / 2), 40 + 20 * math.sin(k * math.pi / 2)) for k in range(4)}
@@ -137,18 +143,9 @@ def wide_crossing(folder: Path, *, keeps_left: bool) -> Path:
     pairs = [*((f"r{k}", f"r{(k + 1) % 4}") for k in range(4)), ("e", "r2"), ("r2", "e")]
     edges += "".join(f'<edge id="{a}{b}" from="{a}" to="{b}" numLanes="1" speed="8"/>' for a, b in pairs)
     edges += '<roundabout nodes="r0 r1 r2 r3" edges="r0r1 r1r2 r2r3 r3r0"/>'
-    (folder / "a.nod.xml").write_text(f"<nodes>{nodes}</nodes>")
-    (folder / "a.edg.xml").write_text(f"<edges>{edges}</edges>")
-    program = str(Path(sumo.SUMO_HOME) / "bin" / "netconvert")
-    plain = ["-n", str(folder / "a.nod.xml"), "-e", str(folder / "a.edg.xml"), "-o", str(folder / "a.net.xml")]
     options = ["--offset.disable-normalization", *(["--lefthand"] if keeps_left else [])]
-    subprocess.run([program, *plain, *options], check=True, capture_output=True)
-    (folder / "a.rou.xml").write_text('<routes><trip id="first" depart="0" from="wm" to="me"/></routes>')
-    path = folder / "a.sumocfg"
-    path.write_text(
-        '<configuration><input><net-file value="a.net.xml"/><route-files value="a.rou.xml"/></input></configuration>'
-    )
-    return path
+    routes = '<routes><trip id="first" depart="0" from="wm" to="me"/></routes>'
+    return scenario(folder, "a", nodes, edges, routes, *options)
 
 
 def sumo_town(folder: Path, heights_m: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)) -> Path:
@@ -157,26 +154,13 @@ def sumo_town(folder: Path, heights_m: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0))
     Args:
         heights_m: of the junctions A0, B0, A1 and B1
     """
-    import sumo
-
     corners = [("A0", 0, 0), ("B0", 100, 0), ("A1", 0, 100), ("B1", 100, 100)]
-    nodes = [
+    nodes = "".join(
         f'<node id="{name}" x="{x}" y="{y}" z="{z}" type="traffic_light"/>'
         for (name, x, y), z in zip(corners, heights_m, strict=True)
-    ]
+    )
     streets = [("A0", "B0"), ("A0", "A1"), ("B0", "B1"), ("A1", "B1")]
     ways = [(a, b) for pair in streets for a, b in (pair, pair[::-1])]
-    edges = [f'<edge id="{a}{b}" from="{a}" to="{b}" numLanes="1" speed="13.89"/>' for a, b in ways]
-    (folder / "town.nod.xml").write_text(f"<nodes>{''.join(nodes)}</nodes>")
-    (folder / "town.edg.xml").write_text(f"<edges>{''.join(edges)}</edges>")
-    program = str(Path(sumo.SUMO_HOME) / "bin" / "netconvert")
-    plain = ["-n", str(folder / "town.nod.xml"), "-e", str(folder / "town.edg.xml")]
-    walks = ["--sidewalks.guess", "--crossings.guess", "-o", str(folder / "town.net.xml")]
-    subprocess.run([program, *plain, *walks], check=True, capture_output=True)
-    (folder / "town.rou.xml").write_text(ROUTES)
-    path = folder / "town.sumocfg"
-    path.write_text(
-        '<configuration><input><net-file value="town.net.xml"/><route-files value="town.rou.xml"/></input>'
-        '<time><end value="120"/></time></configuration>'
-    )
-    return path
+    edges = "".join(f'<edge id="{a}{b}" from="{a}" to="{b}" numLanes="1" speed="13.89"/>' for a, b in ways)
+    walks = "--sidewalks.guess", "--crossings.guess"
+    return scenario(folder, "town", nodes, edges, ROUTES, *walks, more='<time><end value="120"/></time>')

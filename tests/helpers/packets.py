@@ -1,14 +1,16 @@
 """Frames of a spinning sensor in a world of random ranges, without tracing: what packets must give back."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.formats.cloud_columns import COLUMNS, MEASURED
-from lidarscene.formats.packets.firings import FiringsBuilder
+from lidarscene.formats.packets.firings import Firings, FiringsBuilder
 from lidarscene.formats.packets.layouts import Packet
 from lidarscene.formats.packets.packet_encoder import PacketEncoder
+from lidarscene.formats.packets.select_encoder import select_encoder
 from lidarscene.maths.pose import direction_from_angles
 from lidarscene.sensor.sensor_model import Sensor
 
@@ -61,14 +63,30 @@ def points(sensor: Sensor, pulse: Any, ranges_m: Any, number: int, *, return_num
     }
 
 
+def firings_of(sensor: Sensor, *clouds: PointCloud, number: int = 0, ambient: Any = None) -> Firings:
+    """Firings of a frame of these clouds, or of random ranges; ``ambient`` are counts of its first pulses."""
+    gathering = FiringsBuilder(sensor, number)
+    for cloud in clouds or (random_frame(sensor, number=number),):
+        gathering.add(cloud)
+    if ambient is not None:
+        gathering.ambient(np.arange(len(ambient), dtype=np.uint32) + number * sensor.scanner.pulses, ambient)
+    return gathering.firings()
+
+
+def cut_short(sensor: Sensor, count: int, kind: np.dtype[np.void], number: int = 0) -> list[tuple[list[float], Any]]:
+    """Times and contents of the packets of a frame that ends after some firings, and of the first two of the whole."""
+    firings, maker = firings_of(sensor, number=number), select_encoder(sensor)
+    names = ("range_m", "intensity", "signal", "ambient", "time_s")
+    filled = maker.packets(replace(firings, **{name: getattr(firings, name)[:count] for name in names}))
+    filled += maker.flush()
+    assert maker.flush() == []
+    return [
+        ([packet.time_s for packet in packets], np.frombuffer(b"".join(packet.payload for packet in packets), kind))
+        for packets in (filled, select_encoder(sensor).packets(firings)[:2])
+    ]
+
+
 def packets_of(maker: PacketEncoder, sensor: Sensor, clouds: list[PointCloud], ambient: Any = None) -> list[Packet]:
     """Packets of these frames, the rest too; ``ambient`` are counts of every pulse of each."""
-    packets = []
-    for number, cloud in enumerate(clouds):
-        gathering = FiringsBuilder(sensor, number)
-        gathering.add(cloud)
-        if ambient is not None:
-            pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32) + number * sensor.scanner.pulses
-            gathering.ambient(pulse, ambient)
-        packets += maker.packets(gathering.firings())
-    return packets + maker.flush()
+    frames = (firings_of(sensor, cloud, number=number, ambient=ambient) for number, cloud in enumerate(clouds))
+    return [*(packet for frame in frames for packet in maker.packets(frame)), *maker.flush()]

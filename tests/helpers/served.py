@@ -1,4 +1,4 @@
-"""`lidarscene view` in a process of its own, as users have it."""
+"""Pages of `lidarscene view`: served by a process of its own, as users have it, or saved and opened."""
 
 import re
 import signal
@@ -11,7 +11,10 @@ from pathlib import Path
 from urllib.error import HTTPError
 from urllib.request import Request, urlopen
 
+from helpers.chromium import Chromium
 from helpers.waiting import PATIENCE_S
+from lidarscene import PointCloud
+from lidarscene.cli.main import main
 
 
 @dataclass
@@ -36,6 +39,18 @@ class Served:
 
 def _hears_ctrl_c() -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def open_saved(browser: Chromium, folder: Path, *shown: PointCloud | Path) -> Path:
+    """Save the page of a cloud, which is saved too, or of files, and open it; returns its path."""
+    page, words = folder / "a.html", []
+    for each in shown:
+        if isinstance(each, PointCloud):
+            each.save(folder / "a.ply")
+        words.append(str(folder / "a.ply" if isinstance(each, PointCloud) else each))
+    assert main(["view", *words, "--save", str(page)]) == 0
+    browser.open(page.as_uri())
+    return page
 
 
 @contextmanager

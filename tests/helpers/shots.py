@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +10,7 @@ from lidarscene.detection.outcomes import Outcome, Status
 from lidarscene.detection.receiver import detect
 from lidarscene.light.fluctuations import fluctuate
 from lidarscene.sensor.sensor_model import Sensor
-from lidarscene.studies.ranging import plane, statistics
+from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import Target
 
 
@@ -31,12 +30,7 @@ class ShotCounts:
 def simulated_shots(sensor: Sensor, target: Target, range_m: float | None, *, shots: int, seed: int) -> ShotCounts:
     """Pulses at a target, or for a range of None into the sky."""
     ones = np.ones(shots)
-    echoes = plane.echoes_of_plane(sensor, target, ones if range_m is None else range_m * ones)
-    if range_m is None:
-        background = statistics.background_w(sensor, target, sky=True) * ones
-        echoes = dataclasses.replace(
-            echoes, has_surface=ones < 0.0, peak_power_w=0.0 * ones, background_power_w=background
-        )
+    echoes = plane.echoes_of_plane(sensor, target, -ones if range_m is None else range_m * ones)
     pulse = np.arange(shots, dtype=np.uint32)
     variance = plane.fluctuation_variance(sensor, target, echoes.range_m)
     if variance is not None:

@@ -1,9 +1,21 @@
-"""Syntax trees of Python files, for the tests of names and of imports."""
+"""Python files that are in no package, as modules, and syntax trees, for the tests of names and of imports."""
 
 import ast
 import gc
+import importlib.util
 from functools import cache
 from pathlib import Path
+from types import ModuleType
+
+
+def module_of(path: Path) -> ModuleType:
+    """The module of a file, made anew by each call."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def parse(code: str) -> ast.Module:

@@ -9,7 +9,7 @@ from helpers.motions import BEND, MOTIONS, SPLINE, START
 from scipy.spatial.transform import Rotation
 
 from lidarscene.kernel.device import transfer
-from lidarscene.maths.motion_table import FINE_STEP_S, NOWHERE, STEP_S, MotionTable, Placement, _quaternion
+from lidarscene.maths.motion_table import FINE_STEP_S, NOWHERE, STEP_S, MotionTable, Placement
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, HeldAtEnds, Motion, Spline, States
 
@@ -80,20 +80,6 @@ def test_the_ends_and_a_frame_of_no_length() -> None:
     np.testing.assert_allclose(stack_rows(placement.origin_m), expected.position_m, atol=1e-12)
     flash = MotionTable.from_motions([BEND], start_s=0.0, length_s=1e-9, centre_m=np.zeros(3)).placement(np.zeros(3), 0)
     np.testing.assert_allclose(stack_rows(flash.origin_m), np.tile(START.position_m, (3, 1)), atol=1e-15)
-
-
-@pytest.mark.parametrize("degrees", [0.0, 1e-7, 0.5, 90.0, 119.9, 120.0, 179.999, 180.0, 240.0, 359.9])
-def test_quaternions_of_every_angle(degrees: float) -> None:
-    """The turns are around 50 axes, among them those of the frame and of the cube's diagonals, against SciPy's
-    matrices.
-    """
-    rng = np.random.default_rng(3)
-    axes = np.concatenate([np.eye(3), -np.eye(3), np.sign(rng.normal(size=(8, 3))), rng.normal(size=(36, 3))])
-    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-    turns = Rotation.from_rotvec(axes * math.radians(degrees)).as_matrix()
-    q = _quaternion(turns)
-    recovered = Rotation.from_quat(q[:, [1, 2, 3, 0]]).as_matrix()
-    np.testing.assert_allclose(recovered, turns, atol=1e-14)
 
 
 def test_turning_on_through_180_degrees() -> None:

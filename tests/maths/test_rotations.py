@@ -1,9 +1,27 @@
 """Quaternions and angles of rotation matrices, and the matrices of them."""
 
+import math
+
 import numpy as np
+import pytest
 from helpers.formats import rotated
+from scipy.spatial.transform import Rotation
 
 from lidarscene.maths import rotations
+
+
+@pytest.mark.parametrize("degrees", [0.0, 1e-7, 0.5, 90.0, 119.9, 120.0, 179.999, 180.0, 240.0, 359.9])
+def test_quaternions_of_every_angle(degrees: float) -> None:
+    """The turns are around 50 axes, among them those of the frame and of the cube's diagonals, against SciPy's
+    matrices.
+    """
+    rng = np.random.default_rng(3)
+    axes = np.concatenate([np.eye(3), -np.eye(3), np.sign(rng.normal(size=(8, 3))), rng.normal(size=(36, 3))])
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    turns = Rotation.from_rotvec(axes * math.radians(degrees)).as_matrix()
+    q = rotations.quaternions(turns)
+    recovered = Rotation.from_quat(q[:, [1, 2, 3, 0]]).as_matrix()
+    np.testing.assert_allclose(recovered, turns, atol=1e-14)
 
 
 def test_quaternions_and_angles() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import chain, launches, panes
-from helpers.mistakes import told
+from helpers.mistakes import refused, told
 from helpers.walker import write_walker
 
 from lidarscene import LiveSimulator, Simulator
@@ -222,7 +222,7 @@ def test_nothing_is_compiled() -> None:
     live = LiveSimulator(street(), sensor(), movable=("ball",), spares={"car": 2})
     with launches.launched() as before:
         live.render()
-    with launches.launched() as later:
+    with launches.launched(after=before):
         live.place("ball", (9, 1, 0))
         live.add("car", (11, -2, 0), velocity_m_s=(5.0, 0.0, 0.0), yaw_rate_deg_s=40.0)
         live.render(number=1)
@@ -233,7 +233,6 @@ def test_nothing_is_compiled() -> None:
         live.render(number=2)
         live.add("car", (14, 0, 0))
         live.advance(0.4, {"car": (14, 0.5, 0, 20)}, ego=(0, 0, 0))
-    launches.assert_none_is_new(later, before)
 
 
 def test_panes_on_bodies_that_are_placed() -> None:
@@ -502,18 +501,13 @@ def test_a_mistake_leaves_the_world_as_it_was() -> None:
         np.testing.assert_array_equal(cloud.xyz_m, other.xyz_m)
 
 
-@pytest.mark.parametrize(
-    ("options", "named"),
-    [
-        ({"movable": ["van"]}, "body 'van'"),
-        ({"spares": {"van": 1}}, "body 'van'"),
-        ({"movable": "car"}, "movable"),
-        ({"spares": {"car": -1}}, "spares | 'car' | whole number >= 0 | -1"),
-    ],
+test_declarations_are_checked = refused(
+    lambda options: LiveSimulator(street(), sensor(), **options),
+    ({"movable": ["van"]}, "body 'van'"),
+    ({"spares": {"van": 1}}, "body 'van'"),
+    ({"movable": "car"}, "movable"),
+    ({"spares": {"car": -1}}, "spares | 'car' | whole number >= 0 | -1"),
 )
-def test_declarations_are_checked(options, named) -> None:
-    with told(named):
-        LiveSimulator(street(), sensor(), **options)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from helpers.chromium import Chromium
 from helpers.recordings import FIRINGS, pcap, turns
-from helpers.served import served
+from helpers.served import open_saved, served
 from helpers.small_scene import COARSE
 from matplotlib import colormaps, image
 
@@ -67,6 +67,11 @@ def screenshot(browser: Chromium, folder: Path) -> np.ndarray:
     return np.asarray(image.imread(BytesIO(path.read_bytes()))[:, :, :3])
 
 
+def leave_points_alone(browser: Chromium) -> None:
+    """Hide meshes and panel, and draw points of 4 pixels."""
+    browser.value("byId('opacity').value = 0, byId('right').style.display = 'none', byId('size').value = 4")
+
+
 def point_card(browser: Chromium) -> dict[str, str]:
     """The table of a point: text by what stands before it."""
     rows = browser.value("""[...document.querySelectorAll('#card tr')].filter(row => row.cells.length > 1)
@@ -100,18 +105,12 @@ def test_points_stand_where_they_should_in_their_colours(browser, saved_page, sc
     view = load_scene(scene_file).camera
     assert view is not None
     camera = camera_for(cloud, eye_m=view.eye_m, target_m=view.target_m, fov_deg=view.fov_deg)
-    left, top, width, height = browser.value(
-        "(({left, top, width, height}) => [left, top, width, height])(viewer.canvas.getBoundingClientRect())"
-    )
+    left, top, width, height = browser.box("viewer.canvas")
     column, row, depth = camera.project(cloud.xyz_m, width=int(width), height=int(height))
     page = pixel_places(browser)
     np.testing.assert_allclose(page, np.stack([column + left, row + top, depth], axis=1), atol=0.01)
 
-    browser.value("""(() => {
-        document.getElementById('right').style.display = 'none';
-        document.getElementById('size').value = 4;
-        document.getElementById('opacity').value = 0;
-    })()""")
+    leave_points_alone(browser)
     picture = screenshot(browser, tmp_path)
     low, high = browser.value("[viewer.legend.low, viewer.legend.high]")
     part = np.clip(np.log(cloud.intensity / low) / np.log(high / low), 0, 1)
@@ -187,10 +186,7 @@ def test_a_phone_shows_the_budget_below_the_picture(browser: Chromium, saved_pag
 def test_what_is_hidden_is_not_there(browser: Chromium, saved_page: Path, cloud: PointCloud, tmp_path: Path) -> None:
     """The status filter and a click on a kind in the legend: out of the picture, and not to be picked."""
     browser.open(saved_page.as_uri())
-    browser.value(
-        "document.getElementById('opacity').value = 0, document.getElementById('right').style.display = 'none'"
-    )
-    browser.value("document.getElementById('size').value = 4")
+    leave_points_alone(browser)
     page = pixel_places(browser)
     i = int(np.flatnonzero((cloud.body == 0) & (cloud.status == 0))[20])
     x, y = (int(v) for v in page[i, :2])
@@ -201,11 +197,7 @@ def test_what_is_hidden_is_not_there(browser: Chromium, saved_page: Path, cloud:
     browser.click(x, y)
     assert browser.value("viewer.selected") == -1
     browser.value("document.querySelector('#statuses input').click()")
-    browser.value("""(() => {
-        const field = document.getElementById('field');
-        field.value = 'class';
-        field.dispatchEvent(new Event('change'));
-    })()""")
+    browser.enter("#field", "class")
     kinds = browser.value("[...document.querySelectorAll('.kinds button')].map(row => row.textContent)")
     counts = {name: int((cloud.class_id == k).sum()) for k, name in enumerate(cloud.class_names)}
     assert sorted(kinds) == sorted(f"{name}{count}" for name, count in counts.items() if count)
@@ -224,14 +216,10 @@ def test_frames_and_their_slider(browser: Chromium, mi: Any, scene_file: Path, t
         cloud = lidarscene.render(scene_file, overrides=COARSE, pose=Pose(position_m=np.array([x, 0, 0])))
         cloud.save(folder / f"frame_{number_}.ply")
         counts.append((number_, len(cloud)))
-    page = tmp_path / "frames.html"
-    assert main(["view", str(folder), "--save", str(page)]) == 0
-    browser.open(page.as_uri())
+    open_saved(browser, tmp_path, folder)
     assert browser.value("document.getElementById('meshes').hidden")
     for place, (number_, count) in enumerate(sorted(counts)):
-        browser.value(
-            f"(s => {{ s.value = {place}; s.dispatchEvent(new Event('input')); }})(document.getElementById('frame'))"
-        )
+        browser.enter("#frame", place, event="input")
         browser.until(f"viewer.frame.name === 'frame_{number_}.ply'")
         assert browser.value("viewer.frame.count") == count
     assert browser.value("document.getElementById('frame-name').textContent").startswith("3 / 3")
@@ -241,12 +229,10 @@ def test_a_recording_that_begins_with_an_empty_frame(browser: Chromium, library:
     """Rationale: the page found no range to colour by. Its scale comes from the first frame with points, at 10 m."""
     library("velodyne_decoder")
     lost = {(laser, firing) for laser in range(16) for firing in range(75 * FIRINGS)}
-    recording, page = pcap(tmp_path / "a.pcap", turns(150, missing=lost)), tmp_path / "a.html"
-    assert main(["view", str(recording), "--save", str(page)]) == 0
-    browser.open(page.as_uri())
+    open_saved(browser, tmp_path, pcap(tmp_path / "a.pcap", turns(150, missing=lost)))
     assert browser.value("viewer.frame.count") == 0
     assert browser.value("viewer.colourBy") == "range"
-    browser.value("(s => { s.value = 1; s.dispatchEvent(new Event('input')); })(document.getElementById('frame'))")
+    browser.enter("#frame", 1, event="input")
     browser.until("viewer.frame.count > 0 && viewer.legend.values.length > 0")
     assert browser.value("viewer.legend.low") == pytest.approx(10.0, abs=0.1)
 
@@ -258,11 +244,7 @@ def test_live_controls_render_in_place(browser: Chromium, live: str, scene_file:
     i = browser.value("viewer.frame.arrays.body.indexOf(0) + 20")
     browser.click(page[i, 0], page[i, 1])
     before = point_card(browser)
-    browser.value("""(() => {
-        const box = document.querySelector('#controls input[type=number][aria-label="laser power"]');
-        box.value = 20;
-        box.dispatchEvent(new Event('change'));
-    })()""")
+    browser.enter('#controls input[type=number][aria-label="laser power"]', 20)
     browser.until("!viewer.busy")
     cloud = lidarscene.render(scene_file, "table1-apd", overrides=[*COARSE, "laser.peak_power_w=20.0"])
     assert browser.value("viewer.frame.count") == len(cloud)
@@ -271,11 +253,7 @@ def test_live_controls_render_in_place(browser: Chromium, live: str, scene_file:
     assert after["time"] == before["time"]
     assert number(after["echo power"]) == pytest.approx(number(before["echo power"]) * 20 / 45, rel=1e-3)
 
-    browser.value("""(() => {
-        const choice = document.getElementById('choice-detector');
-        choice.selectedIndex = 1;
-        choice.dispatchEvent(new Event('change'));
-    })()""")
+    browser.enter("#choice-detector", 1, of="selectedIndex")
     browser.until("!viewer.busy && viewer.frame.controls.some(one => one.key === 'detector.pde')")
     assert browser.value("document.querySelector('#legend div').textContent") == "intensity [cells]"
     labels = browser.value("[...document.querySelectorAll('.control > div')].map(one => one.firstChild.textContent)")
@@ -309,9 +287,7 @@ def test_places_of_the_camera(browser: Chromium, saved_page: Path, cloud: PointC
     browser.open(saved_page.as_uri())
     browser.value("document.getElementById('go-sensor').click()")
     np.testing.assert_allclose(browser.value("viewer.camera.eye"), cloud.sensor_position_m, atol=1e-4)
-    left, top, width, height = browser.value(
-        "(({left, top, width, height}) => [left, top, width, height])(viewer.canvas.getBoundingClientRect())"
-    )
+    left, top, width, height = browser.box("viewer.canvas")
     for place, axis in (("top", 2), ("side", 1), ("fit", None)):
         browser.value(f"document.getElementById('go-{place}').click(), viewer.draw()")
         x, y, depth = pixel_places(browser).T
@@ -371,11 +347,7 @@ def test_budgets_come_when_they_are_looked_at(browser: Chromium, live: str) -> N
     assert "echo power" in point_card(browser)
     browser.value("viewer.select(-1), viewer.render(), 0")
     browser.until("!viewer.busy && viewer.frame.budget === false")
-    browser.value("""(() => {
-        const field = document.getElementById('field');
-        field.value = 'echo_power';
-        field.dispatchEvent(new Event('change'));
-    })()""")
+    browser.enter("#field", "echo_power")
     browser.until("!viewer.busy && viewer.frame.budget === true")
     assert browser.value("viewer.legend.low > 0")
 
@@ -390,10 +362,7 @@ def test_shadows_follow_the_sun(browser: Chromium, cloud: PointCloud, tmp_path: 
         '[[bodies]]\nname = "post"\nprimitive = "box"\nsize_m = [0.6, 0.6, 2.0]\nmaterial = "concrete"\n'
         "position_m = [8.0, 0.0, 1.0]\n[picture]\neye_m = [0.0, 0.0, 6.0]\ntarget_m = [8.0, 0.0, 0.0]\n"
     )
-    cloud.select(slice(0, 1)).save(tmp_path / "one.ply")
-    page = tmp_path / "post.html"
-    assert main(["view", str(tmp_path / "one.ply"), str(tmp_path / "post.toml"), "--save", str(page)]) == 0
-    browser.open(page.as_uri())
+    open_saved(browser, tmp_path, cloud.select(slice(0, 1)), tmp_path / "post.toml")
     brightness = {}
     for sun in (1, -1):
         browser.value(f"viewer.sun = [0, {sun} * Math.SQRT1_2, Math.SQRT1_2], viewer.draw(), 0")
@@ -409,10 +378,7 @@ def test_shadows_follow_the_sun(browser: Chromium, cloud: PointCloud, tmp_path: 
 def test_clouds_without_truth_or_points(browser: Chromium, cloud: PointCloud, tmp_path: Path) -> None:
     """They show what they have."""
     for name, shown_cloud in (("plain", cloud.without_truth()), ("empty", cloud.select(slice(0, 0)))):
-        shown_cloud.save(tmp_path / f"{name}.ply")
-        page = tmp_path / f"{name}.html"
-        assert main(["view", str(tmp_path / f"{name}.ply"), "--save", str(page)]) == 0
-        browser.open(page.as_uri())
+        open_saved(browser, tmp_path, shown_cloud)
         assert browser.value("viewer.frame.count") == len(shown_cloud)
         assert browser.value("viewer.frame.fields.some(one => one.name === 'true_range')") is (name == "empty")
         if len(shown_cloud):
@@ -432,9 +398,7 @@ def test_far_from_the_origin(browser: Chromium, cloud: PointCloud, tmp_path: Pat
         xyz_m=cloud.xyz_m.astype(np.float64) + shift,
         metadata={**cloud.metadata, "sensor_position_m": "500000.0 5400000.0 100.0"},
     )
-    moved.save(tmp_path / "utm.ply")
-    assert main(["view", str(tmp_path / "utm.ply"), "--save", str(tmp_path / "utm.html")]) == 0
-    browser.open((tmp_path / "utm.html").as_uri())
+    open_saved(browser, tmp_path, moved)
     i = len(cloud) // 2
     browser.value(f"viewer.select({i})")
     table = point_card(browser)

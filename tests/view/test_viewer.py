@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from helpers.chromium import Chromium
 from helpers.clouds import small_cloud
-from helpers.served import served
+from helpers.served import open_saved, served
 from helpers.small_scene import COARSE
 from helpers.waiting import wait_until
 from matplotlib import image
@@ -18,12 +18,10 @@ from lidarscene.cli.main import main
 
 def press(browser: Chromium, name: str) -> None:
     """Press the mouse in the middle of a button."""
-    x, y = browser.value(f"""(button => {{
-        button.scrollIntoView();
-        const box = button.getBoundingClientRect();
-        return [box.x + box.width / 2, box.y + box.height / 2];
-    }})(document.getElementById("{name}"))""")
-    browser.click(x, y)
+    button = f"document.getElementById('{name}')"
+    browser.value(f"{button}.scrollIntoView()")
+    left, top, width, height = browser.box(button)
+    browser.click(left + width / 2, top + height / 2)
 
 
 PNG_END = b"IEND\xaeB`\x82"
@@ -31,9 +29,7 @@ PNG_END = b"IEND\xaeB`\x82"
 
 def test_a_picture_is_saved(browser: Chromium, tmp_path: Path) -> None:
     """The file that the browser stores is what the canvas shows: as large, and with points on the background."""
-    small_cloud(500).save(tmp_path / "a.ply")
-    assert main(["view", str(tmp_path / "a.ply"), "--save", str(tmp_path / "a.html")]) == 0
-    browser.open((tmp_path / "a.html").as_uri())
+    open_saved(browser, tmp_path, small_cloud(500))
     browser.value("document.getElementById('size').value = 4")
     press(browser, "go-fit")
     browser.store_in(tmp_path)
@@ -50,11 +46,8 @@ def test_a_picture_is_saved(browser: Chromium, tmp_path: Path) -> None:
 def test_the_page_says_that_it_waits_and_names_what_is_pointed_at(browser: Chromium, tmp_path: Path) -> None:
     """A page whose frame has not come says so in its middle; then a resting pointer shows the name of the body."""
     cloud = small_cloud(500)
-    cloud.save(tmp_path / "a.ply")
-    assert main(["view", str(tmp_path / "a.ply"), "--save", str(tmp_path / "a.html")]) == 0
-    text = (tmp_path / "a.html").read_text("utf-8")
-    assert '<p id="wait">loading scene and points' in text
-    browser.open((tmp_path / "a.html").as_uri())
+    page = open_saved(browser, tmp_path, cloud)
+    assert '<p id="wait">loading scene and points' in page.read_text("utf-8")
     browser.until("viewer && viewer.frame")
     assert browser.value("byId('wait').hidden && !byId('wait').textContent.includes('rendering')")
     press(browser, "go-fit")
@@ -69,17 +62,13 @@ def test_the_page_says_that_it_waits_and_names_what_is_pointed_at(browser: Chrom
 
 
 def test_nines_are_not_rounded_away(browser: Chromium, tmp_path: Path) -> None:
-    small_cloud(5).save(tmp_path / "a.ply")
-    assert main(["view", str(tmp_path / "a.ply"), "--save", str(tmp_path / "a.html")]) == 0
-    browser.open((tmp_path / "a.html").as_uri())
+    open_saved(browser, tmp_path, small_cloud(5))
     shown = browser.value("[1, 0.9999, 0.99999, 0.5].map(value => formatted(value, ''))")
     assert shown == ["1", "0.9999", "1 \u2212 1.0e-5", "0.5"]
 
 
 def test_a_scale_over_less_than_three_decades_has_ticks_all_along(browser: Chromium, tmp_path: Path) -> None:
-    small_cloud(5).save(tmp_path / "a.ply")
-    assert main(["view", str(tmp_path / "a.ply"), "--save", str(tmp_path / "a.html")]) == 0
-    browser.open((tmp_path / "a.html").as_uri())
+    open_saved(browser, tmp_path, small_cloud(5))
     browser.value("Object.assign(viewer.legend, {low: 1, high: 76, log: true}).build()")
     ticks = browser.value("[...document.querySelectorAll('.ticks span')].map(tick => Number(tick.textContent))")
     assert ticks == [1, 5, 20]
@@ -127,9 +116,7 @@ def test_keys_fingers_and_fewer_points_while_it_moves(browser: Chromium, tmp_pat
     """Keys do what the buttons do; two fingers apart by twice as much bring the eye to half its distance; of too
     many points every third is drawn while the camera moves, and all of them when it stands.
     """
-    small_cloud(500).save(tmp_path / "a.ply")
-    assert main(["view", str(tmp_path / "a.ply"), "--save", str(tmp_path / "a.html")]) == 0
-    browser.open((tmp_path / "a.html").as_uri())
+    open_saved(browser, tmp_path, small_cloud(500))
     browser.until("viewer?.frame !== null")
     browser.value("viewer.renderer.mostDragged = 200")
     press_key = "key => dispatchEvent(new KeyboardEvent('keydown', { key }))"

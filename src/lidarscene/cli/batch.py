@@ -45,7 +45,6 @@ def add_batch(commands: Any) -> None:
         help="render a job of many frames: scenes x sensors x sweeps x seeds, in many processes",
         epilog=BATCH_HELP,
         description="Render every frame of a job that is not in the folder yet, and write a manifest of all frames.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     batch.add_argument("job", metavar="JOB", type=Path, help="job file, or the name of an example")
     add = batch.add_argument

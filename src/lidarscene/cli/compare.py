@@ -40,7 +40,6 @@ def add_compare(commands: Any) -> None:
         epilog=COMPARE_HELP,
         description="Compare sensors in a scene, or clouds with ground truth: what each sensor detects, range errors "
         "and detection rates. Writes a report, JSON, CSV, pictures and a difference cloud.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.add_argument(
         "inputs",

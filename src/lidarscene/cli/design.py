@@ -28,7 +28,6 @@ def add_design(commands: Any) -> None:
         help="search for the best sensor for a task, by free keys, objectives and constraints",
         epilog=DESIGN_HELP,
         description="Search for the values of free keys that give the best designs under constraints, such as class 1.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.add_argument("study", metavar="STUDY", help="name of a study of the catalogue, or a study file (.toml)")
     add_options(command, CommandOptions, output="it gets index.html, front.csv and designs/*.toml")

@@ -37,7 +37,6 @@ def add_fov(commands: Any) -> None:
         epilog=FOV_HELP,
         description="Study fields of view: pattern, coverage over time, density, revisit time, spacing and maximum "
         "range. Writes a report, pictures and CSV. No rays are traced without --scene.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.add_argument("sensors", metavar="SENSOR", nargs="*", help="catalogue name or sensor file")
     add_options(command, StudyOptions, "rig", "output")

@@ -107,8 +107,10 @@ class _SwitchOnce(_Once, argparse.BooleanOptionalAction):
 class _Parser(argparse.ArgumentParser):
     """Parser that reports a mistake as InputError, in one line."""
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__(allow_abbrev=False, **options)
+    def __init__(self, *, epilog: str | None = None, **options: Any) -> None:
+        if epilog:  # examples have lines of their own
+            options["formatter_class"] = argparse.RawDescriptionHelpFormatter
+        super().__init__(allow_abbrev=False, epilog=epilog, **options)
         self.option_first, self.words, self.given = "", list[str](), set[argparse.Action]()
         for name in (None, "store"):
             self.register("action", name, _StoreOnce)

@@ -51,7 +51,6 @@ def _add_range(commands: Any) -> None:
         epilog=RANGE_HELP,
         description="Compute how far sensors see, from the exact signal-to-noise ratio on a Lambertian plane. No rays "
         "are traced.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.add_argument("sensors", metavar="SENSOR", nargs="+", help="catalogue name or sensor file")
     asked = command.add_argument_group("quantities")

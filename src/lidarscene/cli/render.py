@@ -50,7 +50,6 @@ def add_render(commands: Any) -> None:
         help="render point clouds of a scene",
         epilog=RENDER_HELP,
         description="Simulate one or more frames of a lidar in a scene, and write their point clouds.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     render.add_argument(
         "scene",

@@ -31,7 +31,6 @@ def add_stream(commands: Any) -> None:
         description="Simulate a lidar and send packets in the maker's format while the scene moves, until Ctrl-C. "
         "Drivers, viewers and recorders of the real sensor can read them. Late frames are reported and "
         "sent at up to twice the normal pace.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     stream.add_argument("scene", metavar="SCENE", type=Path, help="scene file, mesh or name of a scene, as for render")
     group = stream.add_argument_group("simulation")

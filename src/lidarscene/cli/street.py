@@ -37,7 +37,6 @@ def add_street(commands: Any) -> None:
         description="Write a street with houses, trees, parked cars, traffic and people: the scene file street.toml, "
         "with meshes and motions beside it. A scene file with [street] gives the same scene without these "
         "files. With a map, the roads are those of the map, and SUMO simulates vehicles and people.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = command.add_argument
     add("-o", "--output", metavar="DIR", type=Path, required=True, help="folder to write to")

@@ -49,7 +49,6 @@ def add_view(commands: Any) -> None:
         description="Show clouds in the browser, over a scene if you name one, or a scene alone, which renders live as "
         "you move its controls. The page is served to this machine only, until Ctrl-C, or written to a "
         "file that you can send to others.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     view.add_argument(
         "paths",

@@ -20,6 +20,7 @@ import numpy as np
 from .arrays import Lanes, Numbers, xp
 from .box_tree import BoxTree
 from .pose import Pose, rotation_numbers
+from .rotations import quaternions
 from .trajectory import Motion, States, fastest_turn_rad_s, held_ends, held_from_m_s, rows_by, states_of
 from .vectors import Vector
 
@@ -211,7 +212,7 @@ def _rows_together(frames: Sequence[Travel], times: Sequence[Numbers]) -> Number
     numbers_of = np.repeat(np.arange(len(frames)), [len(frame.motions) for frame in frames])
     table = np.zeros((len(row_of), instants.shape[1], _NUMBERS))
     table[:, :, :3] = states.position_m
-    table[:, :, 3:7] = _with_continuous_signs(_quaternion(states.rotation))
+    table[:, :, 3:7] = _with_continuous_signs(quaternions(states.rotation))
     table[:, :, 7:10], table[:, :, 10:13] = states.velocity_m_s, states.turning_rad_s
     table = table[rows]
     table[:, :, :3] -= np.stack([frame.centre_m for frame in frames])[numbers_of, None]
@@ -464,24 +465,6 @@ def _turned(matrix: Numbers, vector: Numbers) -> Numbers:
     """Return (3, 3, m, instants) matrices times (m, 3) vectors, (3, m, instants)."""
     x, y, z = vector.T[:, :, None]
     return np.asarray(matrix[:, 0] * x + matrix[:, 2] * z + matrix[:, 1] * y)
-
-
-def _quaternion(rotation: Numbers) -> Numbers:
-    """(..., 4) unit quaternions (w, x, y, z) of (..., 3, 3) rotations.
-
-    The entries of a rotation give 4 q q^T. Each of its rows is q times a number; the row of the largest element of q
-    is precise at every angle (Shepperd, J. Guidance and Control 1 (1978), 223).
-    """
-    r = rotation.reshape(-1, 9).T.copy().reshape(3, 3, -1)
-    k = np.zeros((4, 4, r.shape[2]))
-    k[0, 0] = 1.0 + r[0, 0] + r[1, 1] + r[2, 2]
-    for i, j, m in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        k[1 + i, 1 + i] = 1.0 + r[i, i] - r[j, j] - r[m, m]
-        k[1 + i, 1 + j] = k[1 + j, 1 + i] = r[i, j] + r[j, i]
-        k[0, 1 + i] = k[1 + i, 0] = r[m, j] - r[j, m]
-    largest = np.stack([k[i, i] for i in range(4)]).argmax(axis=0)
-    w, x, y, z = rows = np.take_along_axis(k, largest[None, None], axis=0)[0]
-    return np.asarray(rows / np.sqrt(w * w + x * x + y * y + z * z)).T.reshape(*rotation.shape[:-2], 4)
 
 
 def _with_continuous_signs(quaternion: Numbers) -> Numbers:

@@ -1,4 +1,4 @@
-"""Rotations as other programs write them: quaternions and angles of a rotation matrix.
+"""Rotations as quaternions, and as other programs write them.
 
 File formats (ROS, OSI, KITTI) have conventions of their own; the conversions are here, and their signs with them.
 """
@@ -12,26 +12,28 @@ import numpy as np
 from .arrays import Numbers
 
 
-def quaternion(rotation: Numbers) -> tuple[float, float, float, float]:
-    """Unit quaternion (w, x, y, z), w >= 0, of a (3, 3) rotation.
+def quaternions(rotation: Numbers) -> Numbers:
+    """(..., 4) unit quaternions (w, x, y, z) of (..., 3, 3) rotations.
 
-    Its largest component is computed first, so that the others follow without cancellation (Shepperd, J. Guidance and
-    Control 1, 223, 1978).
+    The entries of a rotation give 4 q q^T. Each of its rows is q times a number; the row of the largest element of q
+    is precise at every angle (Shepperd, J. Guidance and Control 1 (1978), 223).
     """
-    r = np.asarray(rotation, dtype=np.float64)
-    trace = float(np.trace(r))
-    # Four times the outer product of the quaternion with itself. Any row is a multiple of the quaternion; the one with
-    # the largest diagonal is the most precise.
-    products = np.array(
-        [
-            [1 + trace, r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]],
-            [r[2, 1] - r[1, 2], 1 + 2 * r[0, 0] - trace, r[0, 1] + r[1, 0], r[0, 2] + r[2, 0]],
-            [r[0, 2] - r[2, 0], r[0, 1] + r[1, 0], 1 + 2 * r[1, 1] - trace, r[1, 2] + r[2, 1]],
-            [r[1, 0] - r[0, 1], r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], 1 + 2 * r[2, 2] - trace],
-        ]
-    )
-    row = products[int(np.argmax(np.diag(products)))]
-    w, x, y, z = (math.copysign(1.0, row[0]) * row / np.linalg.norm(row)).tolist()
+    r = rotation.reshape(-1, 9).T.copy().reshape(3, 3, -1)
+    k = np.zeros((4, 4, r.shape[2]))
+    k[0, 0] = 1.0 + r[0, 0] + r[1, 1] + r[2, 2]
+    for i, j, m in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        k[1 + i, 1 + i] = 1.0 + r[i, i] - r[j, j] - r[m, m]
+        k[1 + i, 1 + j] = k[1 + j, 1 + i] = r[i, j] + r[j, i]
+        k[0, 1 + i] = k[1 + i, 0] = r[m, j] - r[j, m]
+    largest = np.stack([k[i, i] for i in range(4)]).argmax(axis=0)
+    w, x, y, z = rows = np.take_along_axis(k, largest[None, None], axis=0)[0]
+    return np.asarray(rows / np.sqrt(w * w + x * x + y * y + z * z)).T.reshape(*rotation.shape[:-2], 4)
+
+
+def quaternion(rotation: Numbers) -> tuple[float, float, float, float]:
+    """Unit quaternion (w, x, y, z), w >= 0, of a (3, 3) rotation."""
+    row = quaternions(np.asarray(rotation, dtype=np.float64))
+    w, x, y, z = (math.copysign(1.0, row[0]) * row).tolist()
     return w, x, y, z
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from ..maths.arrays import Lanes, LookupTable, Numbers, xp
 from ..maths.pose import direction_from_angles
 from ..maths.vectors import Vector, angles_of
-from ..physics.optics import window
+from ..physics.optics.receiver import circles_overlap
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,5 +143,5 @@ def _clear_share(centres: Numbers, radius_m: float, drops: Numbers, drop_m: floa
     # As many neighbours as there are: a tree finds the discs near each drop.
     for drop, near in zip(drops, cKDTree(centres).query_ball_point(drops, radius_m + drop_m), strict=True):
         distance = np.linalg.norm(centres[near] - drop, axis=1)
-        covered[near] += window.overlap_area_m2(beam_m=radius_m, drop_m=drop_m, distance_m=distance)
+        covered[near] += circles_overlap(first_radius=radius_m, second_radius=drop_m, distance=distance)
     return np.asarray(np.maximum(1.0 - covered / (math.pi * radius_m**2), 0.0))

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from helpers import chain, photons, trains
-from helpers.mistakes import told
+from helpers.mistakes import refused, told
 from helpers.run_seed import chosen
 
 from lidarscene import Simulator
@@ -234,20 +234,16 @@ def test_a_parabola_through_a_ring_shows_less_than_the_noise():
     assert expected == pytest.approx(0.74, abs=0.01)
 
 
-@pytest.mark.parametrize(
-    ("overrides", "named"),
-    [
-        (["histogram.column_weights=[1.0]"], "at least 2 | [1.0]"),
-        (["histogram.column_weights=[0.0, 1.0]"], "own column | > 0 | 0"),
-        (["histogram.column_weights=[1.0, 0.5]", "histogram.estimator=centroid"], "matched_filter"),
-        (["histogram.column_range_sigmas=12"], "histogram.column_range_sigmas | none"),
-        (["histogram.column_range_sigmas=0"], "histogram.column_range_sigmas | 0.01 | 0"),
-        (["histogram.column_photons=400"], "histogram.column_photons | column_weights | none"),
-    ],
+test_mistakes_are_a_line = refused(
+    photons.spinning,
+    ("histogram.column_weights=[1.0]", "column_weights | at least 2 | [1.0]"),
+    ("histogram.column_weights=[0.0, 1.0]", "column_weights | own column | > 0 | 0"),
+    ("histogram.column_weights=[1.0, 0.5]", "histogram.estimator=centroid", "column_weights | matched_filter"),
+    ("histogram.column_range_sigmas=12", "column_range_sigmas | none"),
+    ("histogram.column_range_sigmas=0", "column_range_sigmas | 0.01 | 0"),
+    ("histogram.column_photons=400", "column_photons | column_weights | none"),
+    where="histogram",
 )
-def test_mistakes_are_a_line(overrides, named):
-    with told(named if "histogram" in named else f"histogram.column_weights | {named}"):
-        photons.spinning(*overrides)
 
 
 def test_a_scanner_without_columns_is_refused():

@@ -219,29 +219,6 @@ def test_a_fraction_has_no_walk(name, fraction):
         assert abs(error.mean()) < 5.0 * error.std() / math.sqrt(len(error)) + 0.05 * trains.SIGMA_M
 
 
-@pytest.mark.parametrize("rule", ["leading_edge", *RULES])
-def test_one_echo_or_a_train_of_one(rule):
-    """Both roads through the chain, shot by shot."""
-    sensor = equip(f"tdc.timing='{rule}'", "tdc.threshold_to_noise=3.5", "tdc.edges='both'")
-    count = 2000
-    power = trains.power_at_snr(sensor, 6.0) * np.random.default_rng(1).uniform(0.3, 3.0, count)
-    light = trains.train(np.full((count, 1), 50.0), power[:, None])
-    lone = Echoes(
-        has_surface=np.full(count, True),
-        range_m=np.full(count, 50.0),
-        peak_power_w=power,
-        background_power_w=light.background_power_w,
-    )
-    train_stop = trains.detect(light, sensor).stops[0]
-    echo_stop = detect(lone, sensor, seed=0).stops[0]
-    np.testing.assert_array_equal(train_stop.reported, echo_stop.reported)
-    reported = echo_stop.reported
-    for name in ("range_m", "amplitude", "width_s"):
-        np.testing.assert_allclose(
-            getattr(train_stop, name)[reported], getattr(echo_stop, name)[reported], rtol=1e-9, atol=1e-9
-        )
-
-
 def second_returns(sensor, height, lasting, shots):
     """Second returns of pulses with an echo at 60 m on light that lasts, heights in U; a brighter echo comes first."""
     corners = [(50.0, 0.0), (51.0, lasting), (80.0, lasting)]

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.packets import points, random_frame
+from helpers.packets import firings_of, points, random_frame
 
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.formats.packets.firings import FiringsBuilder
@@ -14,10 +14,8 @@ def test_pieces_make_the_frame(name: str) -> None:
     """A later frame, of lasers that fire in the order of their numbers and of others."""
     sensor = load_sensor(name)
     cloud = random_frame(sensor, number=2, second=True)
-    gathering = FiringsBuilder(sensor, 2)
-    for part in np.array_split(np.random.default_rng(0).permutation(len(cloud)), 3):
-        gathering.add(cloud.select(part))
-    frame = gathering.firings()
+    parts = np.array_split(np.random.default_rng(0).permutation(len(cloud)), 3)
+    frame = firings_of(sensor, *map(cloud.select, parts), number=2)
     scanner = sensor.scanner
     assert frame.number == 2 * scanner.cycles
     assert np.count_nonzero(frame.range_m) == len(cloud)
@@ -48,14 +46,8 @@ def test_of_three_returns_the_two_strongest_stay(signals, kept_signals, ranges_m
     ]
     for column, signal in zip(columns, signals, strict=True):
         column["signal"] = np.array([signal], np.float32)
-    gathering = FiringsBuilder(sensor, 0)
-    gathering.add(
-        PointCloud(
-            **{name: np.concatenate([column[name] for column in columns]) for name in columns[0]},
-            metadata={"frame": "sensor"},
-        )
-    )
-    frame = gathering.firings()
+    together = {name: np.concatenate([column[name] for column in columns]) for name in columns[0]}
+    frame = firings_of(sensor, PointCloud(**together, metadata={"frame": "sensor"}))
     assert frame.signal[0, 5].tolist() == kept_signals
     assert frame.range_m[0, 5].tolist() == ranges_m
 
@@ -65,10 +57,8 @@ def test_the_stronger_of_two_is_that_of_the_higher_snr_where_nothing_counts_phot
     parts = [points(sensor, np.array([5]), np.array([10.0 + n]), 0, return_number=n) for n in (1, 2)]
     for part, snr in zip(parts, (7.0, 9.0), strict=True):
         part["snr"], part["signal"] = np.array([snr], np.float32), np.zeros(1, np.float32)
-    gathering = FiringsBuilder(sensor, 0)
-    for part in parts:
-        gathering.add(PointCloud(**part, metadata={"frame": "sensor"}))
-    assert gathering.firings().range_m[0, 5].tolist() == [12.0, 11.0]
+    frame = firings_of(sensor, *(PointCloud(**part, metadata={"frame": "sensor"}) for part in parts))
+    assert frame.range_m[0, 5].tolist() == [12.0, 11.0]
 
 
 def test_a_cycle_may_begin_before_its_first_laser_fires() -> None:
@@ -76,9 +66,7 @@ def test_a_cycle_may_begin_before_its_first_laser_fires() -> None:
     sensor = load_sensor(
         "os1-128", overrides={"scanner.columns_per_turn": 1024, "scanner.firing_time_us": [80.0] * 128}
     )
-    gathering = FiringsBuilder(sensor, 0)
-    gathering.add(PointCloud(**points(sensor, np.array([0, 128]), np.array([10.0, 20.0]), 0)))
-    frame = gathering.firings()
+    frame = firings_of(sensor, PointCloud(**points(sensor, np.array([0, 128]), np.array([10.0, 20.0]), 0)))
     laser = int(sensor.scanner.channel(np.zeros(1, np.uint32))[0])
     assert frame.range_m[:2, laser, 0].tolist() == [10.0, 20.0]
 

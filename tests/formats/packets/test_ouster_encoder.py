@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.mistakes import told
-from helpers.packets import points, random_frame
+from helpers.packets import firings_of, points, random_frame
 
 from lidarscene.cloud.point_cloud import PointCloud
-from lidarscene.formats.packets.firings import FiringsBuilder
 from lidarscene.formats.packets.ouster_encoder import PROFILES
 from lidarscene.formats.packets.pcap import description_path, pcap_stream
 from lidarscene.formats.packets.select_encoder import select_encoder
@@ -28,10 +27,7 @@ def write_capture(path: Path, sensor: Sensor, profile: str = "default", **option
     rng = np.random.default_rng(5)
     ambient = rng.integers(0, 4000, sensor.scanner.pulses).astype(np.uint64)
     with pcap_stream(path, select_encoder(sensor, profile)) as take:
-        gathering = FiringsBuilder(sensor, 0)
-        gathering.add(cloud)
-        gathering.ambient(np.arange(len(ambient), dtype=np.uint32), ambient)
-        take(gathering.firings())
+        take(firings_of(sensor, cloud, ambient=ambient))
     return cloud, ambient.reshape(-1, sensor.scanner.lasers)
 
 
@@ -130,12 +126,10 @@ def test_what_no_field_can_say(library, tmp_path, profile, farthest_m, brightest
     sensor = load_sensor("os1-128", overrides=NARROW)
     from_m = float(sensor.scanner.start_m[0].values[0])
     ranges_m = farthest_m - from_m + np.array([-0.02, 0.02])
-    frame = FiringsBuilder(sensor, 0)
-    frame.add(PointCloud(**points(sensor, np.array([0, 128]), ranges_m, 0)))
+    cloud = PointCloud(**points(sensor, np.array([0, 128]), ranges_m, 0))
     counts = np.full(sensor.scanner.pulses, 1_000_000, np.uint64)
-    frame.ambient(np.arange(len(counts), dtype=np.uint32), counts)
     with pcap_stream(tmp_path / "a.pcap", select_encoder(sensor, profile)) as take:
-        take(frame.firings())
+        take(firings_of(sensor, cloud, ambient=counts))
     sdk_frame, _ = read_capture(library, tmp_path / "a.pcap")
     laser = int(sensor.scanner.channel(np.zeros(1, np.uint32))[0])
     assert sdk_frame.field("RANGE")[laser, 0] == pytest.approx(1e3 * farthest_m - 20.0, abs=8.0)
@@ -179,11 +173,9 @@ def test_packets_of_frame_after_frame(library: Callable[[str], Any], tmp_path: P
     maker = select_encoder(sensor)
     with pcap_stream(tmp_path / "a.pcap", maker) as take:
         for number in (0, 1):
-            gathering = FiringsBuilder(sensor, number)
-            gathering.add(random_frame(sensor, number=number))
-            gathering.ambient(np.arange(2, dtype=np.uint32) + number * sensor.scanner.pulses, np.ones(2, np.uint64))
-            packets_made += maker.packets(gathering.firings())
-            take(gathering.firings())
+            firings = firings_of(sensor, number=number, ambient=np.ones(2, np.uint64))
+            packets_made += maker.packets(firings)
+            take(firings)
     expected_s = (16 * np.arange(1, 65) - 1) * sensor.scanner.cycle_s
     np.testing.assert_allclose([packet.time_s for packet in packets_made], expected_s, atol=1e-9)
     core = library("ouster.sdk.core")
@@ -191,7 +183,7 @@ def test_packets_of_frame_after_frame(library: Callable[[str], Any], tmp_path: P
     ids = [packet_format.frame_id(packet.payload) for packet in packets_made]
     assert ids == [0] * 32 + [1] * 32
     for number, expected in ((65_535, 65_535), (65_536, 0)):  # 16 bits
-        later = replace(gathering.firings(), number=512 * number)
+        later = replace(firings, number=512 * number)
         assert packet_format.frame_id(maker.packets(later)[0].payload) == expected
 
 

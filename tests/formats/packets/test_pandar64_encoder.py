@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.packets import packets_of, random_frame
+from helpers.packets import cut_short, packets_of, random_frame
 
-from lidarscene.formats.packets.firings import FiringsBuilder
 from lidarscene.formats.packets.layouts import PANDAR64_PACKET
 from lidarscene.formats.packets.pcap import HEADER, record_of
 from lidarscene.formats.packets.select_encoder import select_encoder
@@ -127,26 +126,14 @@ def test_what_a_packet_says_of_itself(sets: tuple[str, ...], mode: int, dual: in
 
 def test_the_last_packet_goes_on_without_points() -> None:
     """A frame that ends after eight firings: azimuths and times of the next four are those that they would have had."""
-    sensor = load_sensor("pandar64")
-    gathering = FiringsBuilder(sensor, 1)
-    gathering.add(random_frame(sensor, number=1))
-    firings = gathering.firings()
-    names = ("range_m", "intensity", "signal", "ambient", "time_s")
-    maker = select_encoder(sensor)
-    short = maker.packets(replace(firings, **{name: getattr(firings, name)[:8] for name in names}))
-    filled = short + maker.flush()
-    expected = select_encoder(sensor).packets(firings)[:2]
-    assert [packet.time_s for packet in filled] == [packet.time_s for packet in expected]
-    ours, theirs = (
-        np.frombuffer(b"".join(packet.payload for packet in packets), PANDAR64_PACKET) for packets in (filled, expected)
-    )
+    (ours_s, ours), (theirs_s, theirs) = cut_short(load_sensor("pandar64"), 8, PANDAR64_PACKET, number=1)
+    assert ours_s == theirs_s
     for name in ("stamp", "utc"):
         np.testing.assert_array_equal(ours[name], theirs[name])
     blocks = ours["blocks"]
     np.testing.assert_array_equal(blocks["azimuth"], theirs["blocks"]["azimuth"])
     assert blocks["points"]["distance"][1, 1].any()
     assert not blocks["points"]["distance"][1, 2:].any()
-    assert maker.flush() == []
 
 
 def test_the_stamp_goes_on_from_second_to_second() -> None:

@@ -8,9 +8,8 @@ from typing import Any
 
 import pytest
 from helpers.mistakes import told
-from helpers.packets import packets_of, random_frame
+from helpers.packets import firings_of, packets_of, random_frame
 
-from lidarscene.formats.packets.firings import FiringsBuilder
 from lidarscene.formats.packets.layouts import Packet
 from lidarscene.formats.packets.pcap import HEADER, pcap_stream, record_of
 from lidarscene.formats.packets.select_encoder import select_encoder
@@ -56,10 +55,8 @@ def test_headers_are_those_of_a_sensor_that_sends_to_all(library: Callable[[str]
 def test_what_waits_in_the_end_is_written(tmp_path: Path) -> None:
     """A frame of 1808 firings is 75 packets of 24 and a third of one."""
     sensor = load_sensor("vlp-16")
-    gathering = FiringsBuilder(sensor, 0)
-    gathering.add(random_frame(sensor))
     with pcap_stream(tmp_path / "a.pcap", select_encoder(sensor)) as take:
-        take(gathering.firings())
+        take(firings_of(sensor))
     size = 16 + 14 + 28 + 1206
     assert (tmp_path / "a.pcap").stat().st_size == len(HEADER) + 76 * size
 
@@ -83,9 +80,7 @@ def test_a_capture_has_the_packets_of_all_frames(library: Callable[[str], Any], 
     clouds = [random_frame(sensor, number=number) for number in range(3)]
     with pcap_stream(tmp_path / "a.pcap", select_encoder(sensor)) as take:
         for number, cloud in enumerate(clouds):
-            gathering = FiringsBuilder(sensor, number)
-            gathering.add(cloud)
-            take(gathering.firings())
+            take(firings_of(sensor, cloud, number=number))
     expected = b"".join(record_of(packet, 2368) for packet in packets_of(select_encoder(sensor), sensor, clouds))
     assert (tmp_path / "a.pcap").read_bytes() == HEADER + expected
     with open_recording(tmp_path / "a.pcap") as recording:

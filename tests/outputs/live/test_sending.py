@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.mistakes import told
-from helpers.packets import random_frame
+from helpers.packets import firings_of
 
 from lidarscene.errors import InputError, OutputError
-from lidarscene.formats.packets.firings import Firings, FiringsBuilder
+from lidarscene.formats.packets.firings import Firings
 from lidarscene.formats.packets.layouts import VELODYNE_PACKET
 from lidarscene.formats.packets.select_encoder import select_encoder
 from lidarscene.outputs.live.sending import AHEAD, MotionEnded, Sent, render_firings, send_frames, udp
@@ -42,10 +42,7 @@ class Clock:
 
 
 def firings(frames: int) -> Iterator[Firings]:
-    for number in range(frames):
-        gathering = FiringsBuilder(SENSOR, number)
-        gathering.add(random_frame(SENSOR, number=number))
-        yield gathering.firings()
+    return (firings_of(SENSOR, number=number) for number in range(frames))
 
 
 def sent_of(frames: Iterator[Firings], send: Callable[[bytes], Any], **options: Any) -> Sent:

@@ -153,24 +153,6 @@ def test_width_and_range_of_a_clipped_echo(range_m, rays, recovery_ns):
     assert stop.amplitude[is_echo].max() == pytest.approx(50e-6)
 
 
-@pytest.mark.parametrize("name", ["table1-sipm", "table1-apd"])
-def test_one_sub_echo_is_several(name):
-    """The closed form and the search give each pulse the same width, and the same range after its correction."""
-    keys = [CLIPPED, "detector.recovery_ns=5"] if name == "table1-apd" else []
-    sensor = chain.sensor(name, *keys)
-    range_m = np.geomspace(2.0, 250.0, 4000)
-    light = plane.echoes_of_plane(sensor, Target(), range_m)
-    pulse = np.arange(len(range_m), dtype=np.uint32)
-    whole = trains.train(range_m[:, None], light.peak_power_w[:, None], background_w=light.background_power_w[0])
-    single = receiver.detect(light, sensor, seed=5, pulse=pulse).stops[0]
-    several = receiver.detect(whole, sensor, seed=5, pulse=pulse).stops[0]
-    assert (single.reported == several.reported).all()
-    reported = single.reported
-    # Where an edge crosses within rounding of the peak its place is the root of 1e-16: 1e-8 of a pulse.
-    np.testing.assert_allclose(single.width_s[reported], several.width_s[reported], atol=2e-15)
-    np.testing.assert_allclose(single.range_m[reported], several.range_m[reported], atol=1e-6)
-
-
 @pytest.mark.parametrize("range_m", [3.0, 10.0, 30.0])
 def test_ranges_of_a_full_sipm(range_m):
     """Rationale: near echoes fire all cells, whose number then tells no power. Reference: what is left by (T44),

@@ -26,17 +26,3 @@ def test_the_angle_is_that_of_airys_pattern():
     angle = window.diffraction_angle_rad(wavelength_m=905e-9, grain_m=50e-6)
     x = math.pi * 50e-6 * 0.5 * angle / 905e-9
     assert (2.0 * j1(x) / x) ** 2 == pytest.approx(math.exp(-2.0), rel=1e-3)
-
-
-@pytest.mark.parametrize(("beam_m", "drop_m"), [(5e-3, 1.5e-3), (1.5e-3, 5e-3), (2e-3, 2e-3)])
-def test_the_area_that_discs_share_is_counted(beam_m, drop_m):
-    """Points of a fine grid in both discs: 1000^2 points, so an edge of some 4,000 cells gives 1e-2 of the area."""
-    distances = np.array(
-        [0.0, abs(beam_m - drop_m), 0.5 * (beam_m + drop_m), 0.9 * (beam_m + drop_m), 2 * beam_m + drop_m]
-    )
-    axis = np.linspace(-beam_m, beam_m, 1000)
-    x, y = np.meshgrid(axis, axis)
-    in_beam = x * x + y * y <= beam_m**2
-    counted = [np.sum(in_beam & ((x - d) ** 2 + y * y <= drop_m**2)) * (axis[1] - axis[0]) ** 2 for d in distances]
-    areas = window.overlap_area_m2(beam_m=beam_m, drop_m=drop_m, distance_m=distances)
-    np.testing.assert_allclose(areas, counted, atol=0.01 * math.pi * min(beam_m, drop_m) ** 2)

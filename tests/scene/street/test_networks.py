@@ -60,6 +60,12 @@ def town(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return configuration, write_street(tables, folder / "out", origin="test")
 
 
+@pytest.fixture
+def town_copy(town: tuple[Path, Path], tmp_path: Path) -> Path:
+    """Configuration of the same simulation, for a test to change."""
+    return Path(shutil.copytree(town[0].parent, tmp_path, dirs_exist_ok=True), town[0].name)
+
+
 @pytest.fixture(scope="module")
 def hills(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Scene file of the same town with junctions at four heights."""
@@ -126,25 +132,21 @@ def _middle_of_circle_m(place_m: np.ndarray) -> np.ndarray:
     return np.linalg.lstsq(terms, (place_m**2).sum(axis=1), rcond=None)[0][:2]
 
 
-def test_what_sumo_drops_is_said(town: tuple[Path, Path], tmp_path: Path) -> None:
+def test_what_sumo_drops_is_said(town_copy: Path) -> None:
     """SUMO leaves out what departs before the one above it in the file."""
-    for path in town[0].parent.glob("town.*"):
-        (tmp_path / path.name).write_bytes(path.read_bytes())
     late = '<trip id="late" depart="9" from="A0B0" to="B1A1"/>'
     early = "".join(f'<trip id="early_{number}" depart="5" from="A0B0" to="B1A1"/>' for number in (1, 2))
-    (tmp_path / "town.rou.xml").write_text(f"<routes>{late}{early}</routes>")
+    town_copy.with_name("town.rou.xml").write_text(f"<routes>{late}{early}</routes>")
     with pytest.warns(OptionWarning, match=r"town\.sumocfg: sumo left out .*sorted.*'early_1'!, and 1 more"):
-        network_scene(tmp_path / "town.sumocfg", "sumo", StreetFile())
+        network_scene(town_copy, "sumo", StreetFile())
 
 
-def test_a_person_may_have_the_name_of_a_vehicle(town: tuple[Path, Path], tmp_path: Path) -> None:
+def test_a_person_may_have_the_name_of_a_vehicle(town_copy: Path, tmp_path: Path) -> None:
     """Nobody is lost, and a vehicle carries the sensor; SUMO's randomTrips.py names them so."""
-    for path in town[0].parent.glob("town.*"):
-        (tmp_path / path.name).write_bytes(path.read_bytes())
     trips = "".join(f'<trip id="{number}" depart="0" from="A0B0" to="B1A1" departPos="20"/>' for number in (0, 1))
     walks = "".join(f'<person id="{n}" depart="0"><walk from="A0B0" to="B0B1"/></person>' for n in (0, 1))
-    (tmp_path / "town.rou.xml").write_text(f"<routes>{trips}{walks}</routes>")
-    scenario = sumo.read_scenario(tmp_path / "town.sumocfg")
+    town_copy.with_name("town.rou.xml").write_text(f"<routes>{trips}{walks}</routes>")
+    scenario = sumo.read_scenario(town_copy)
     own, others = sumo.simulate(scenario, ego=None, shown_m=100.0, folder=tmp_path)
     assert own.kind == "passenger"
     kinds = sorted((user.kind, user.name) for user in others)
@@ -152,40 +154,33 @@ def test_a_person_may_have_the_name_of_a_vehicle(town: tuple[Path, Path], tmp_pa
 
 
 @pytest.mark.parametrize("name", ["waits", "blocks"])
-def test_who_is_moved_elsewhere_does_not_drive_there(town: tuple[Path, Path], tmp_path: Path, name: str) -> None:
+def test_who_is_moved_elsewhere_does_not_drive_there(town_copy: Path, tmp_path: Path, name: str) -> None:
     """A car behind one that stands for long: SUMO moves it beyond, by 39 m at once. Its drive ends, or it is another
     one from there on; nobody is faster than 1.2 times the 13.89 m/s of the streets, as SUMO's drivers are.
     """
-    for path in town[0].parent.glob("town.*"):
-        (tmp_path / path.name).write_bytes(path.read_bytes())
     stop = '<stop lane="A0B0_1" startPos="60" endPos="70" duration="300"/>'
     blocks = f'<vehicle id="blocks" depart="0"><route edges="A0B0 B0B1 B1A1"/>{stop}</vehicle>'
     waits = '<trip id="waits" depart="5" from="A0B0" to="B1A1"/>'
-    (tmp_path / "town.rou.xml").write_text(f"<routes>{blocks}{waits}</routes>")
-    path = tmp_path / "town.sumocfg"
-    path.write_text(
-        path.read_text().replace("</time>", '</time><processing><time-to-teleport value="10"/></processing>')
-    )
+    town_copy.with_name("town.rou.xml").write_text(f"<routes>{blocks}{waits}</routes>")
+    teleports = '</time><processing><time-to-teleport value="10"/></processing>'
+    town_copy.write_text(town_copy.read_text().replace("</time>", teleports))
     told_so = pytest.warns(OptionWarning, match="its drive ends after 21 s, when sumo moves 'waits'")
     with told_so if name == "waits" else nullcontext():
-        own, others = sumo.simulate(sumo.read_scenario(path), ego=name, shown_m=200.0, folder=tmp_path)
+        own, others = sumo.simulate(sumo.read_scenario(town_copy), ego=name, shown_m=200.0, folder=tmp_path)
     assert sorted(user.name for user in others) == (["blocks"] if name == "waits" else ["waits", "waits"])
     for user in (own, *others):
         time_s, x_m, y_m = np.array(user.rows).T[:3]
         assert (np.hypot(np.diff(x_m), np.diff(y_m)) / np.diff(time_s)).max() < 16.7
 
 
-def test_outputs_of_a_configuration_change_nothing(town: tuple[Path, Path], tmp_path: Path) -> None:
+def test_outputs_of_a_configuration_change_nothing(town: tuple[Path, Path], town_copy: Path) -> None:
     """Times as 00:00:01, places in degrees, a prefix of all files' names, and columns without angles and types."""
-    for path in town[0].parent.glob("town.*"):
-        (tmp_path / path.name).write_bytes(path.read_bytes())
     output = '<output-prefix value="a_"/><fcd-output.geo value="1"/><fcd-output.attributes value="x,y"/>'
     other = f'<output>{output}</output><report><human-readable-time value="1"/></report></configuration>'
-    path = tmp_path / "town.sumocfg"
-    path.write_text(path.read_text().replace("</configuration>", other))
+    town_copy.write_text(town_copy.read_text().replace("</configuration>", other))
     (expected, _), (own, _) = (
         sumo.simulate(sumo.read_scenario(file), ego="line_7", shown_m=50.0, folder=file.parent)
-        for file in (town[0], path)
+        for file in (town[0], town_copy)
     )
     assert (own.kind, own.rows) == ("bus", expected.rows)
 
@@ -647,7 +642,7 @@ def test_mistakes(run: Run, town: tuple[Path, Path], given: str, named: str) -> 
 def test_a_tram_is_left_out_and_a_car_where_it_carries_the_sensor(tmp_path: Path) -> None:
     """Rationale: of no bodies none could be chosen, and a scenario whose longest drive is a tram's gave a traceback."""
     configuration = networks.bridge(tmp_path)
-    routes, kind = tmp_path / "b.rou.xml", '<vType id="t" vClass="tram"/>'
+    routes, kind = tmp_path / "bridge.rou.xml", '<vType id="t" vClass="tram"/>'
     routes.write_text(routes.read_text().replace('id="sn"', 'id="sn" type="t"').replace("<trip", f"{kind}<trip", 1))
     with pytest.warns(OptionWarning, match="vehicles of tram have no body"):
         tables = network_scene(configuration, "sumo", StreetFile(), ego="we")

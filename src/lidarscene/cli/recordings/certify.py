@@ -29,7 +29,6 @@ def add_certify(commands: Any) -> None:
         description="Make a twin of a recording, simulate the recorded pulses in it, and compare the two. Writes a "
         "report with verdict, limits, losses and noise, and what is not covered. The exit code is 1 if a "
         "limit is missed. Recordings at rest are the most informative.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = command.add_argument
     add("recording", metavar="REC", type=Path, help="recording of a real lidar")

@@ -32,7 +32,6 @@ def add_fit(commands: Any) -> None:
         "and its noise and losses to frames at rest. "
         "Writes a sensor file, with value, uncertainty and recording in [sources], and a report. The exit "
         "code is 1 if a law fails on pulses that were not fitted.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = command.add_argument
     add("recordings", metavar="REC", nargs="+", type=Path, help="recordings of one unit in one mode")

@@ -28,7 +28,6 @@ def add_sensor(commands: Any) -> None:
         description="Write a sensor file with the beams of one unit, from the metadata of an Ouster (json or OSF), the "
         "calibration of a Velodyne (YAML, XML) or the table of angles of a Hesai (CSV). Laser, optics and "
         "detector are those of the catalogue.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = command.add_argument
     add("--from", metavar="F", type=Path, required=True, dest="source", help="the maker's metadata of the unit")

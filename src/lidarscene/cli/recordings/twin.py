@@ -32,7 +32,6 @@ def add_twin(commands: Any) -> None:
         epilog=TWIN_HELP,
         description="Make a scene from the recording of a real lidar. Every pixel becomes a small surface with the "
         "measured reflectivity, and the ground is completed. Also writes the sensor file and the poses.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.add_argument("recording", metavar="REC", type=Path, help="recording of a real lidar")
     add = command.add_argument

@@ -48,7 +48,7 @@ def blur_radius_rad(*, aperture_radius_m: Lanes, focus_m: Lanes, range_m: Lanes)
 
 
 def circles_overlap(*, first_radius: Lanes, second_radius: Lanes, distance: Lanes) -> Lanes:
-    """Area that two circles share, in the square of the lengths' unit.
+    """Area that two circles share, in the square of the lengths' unit (T159).
 
     The sum of two circular segments, whose half angles follow from the law of cosines.
     """

@@ -4,17 +4,12 @@ A grain or scratch is opaque. What passes between many of them, at random places
 the clear share of the window; the rest of the light that gets through is diffracted (Babinet's principle; M. Born and
 E. Wolf, "Principles of Optics", 7th ed., 8.3.2 and 8.6.3).
 
-Symbols: s covered share of the window, d size of a grain, lambda wavelength, a radius of a beam on the window, b of a
-drop, x distance of their centres.
+Symbols: s covered share of the window, d size of a grain, lambda wavelength.
 """
 
 from __future__ import annotations
 
 import math
-
-import numpy as np
-
-from ...maths.arrays import Numbers
 
 _AIRY = 2.584
 """Source: Airy's pattern; x at which (2 J_1(x) / x)^2 has fallen to 1 / e^2."""
@@ -35,25 +30,3 @@ def diffraction_angle_rad(*, wavelength_m: float, grain_m: float) -> float:
     Scratches of this width spread it as far, to 15 %: sinc^2 has fallen to 1/e^2 at 2.20 lambda / (pi d).
     """
     return 2.0 * _AIRY * wavelength_m / (math.pi * grain_m)
-
-
-def overlap_area_m2(*, beam_m: float, drop_m: float, distance_m: Numbers) -> Numbers:
-    """Area that two discs share, (n,) m2 (T159): a lens of two circular segments.
-
-    Args:
-        beam_m: radius of the beam's disc
-        drop_m: radius of the drop's disc
-        distance_m: (n,) between their centres
-    """
-    distance = np.asarray(distance_m, dtype=np.float64)
-    smaller = min(beam_m, drop_m)
-    apart, inside = distance >= beam_m + drop_m, distance <= abs(beam_m - drop_m)
-    x = np.where(apart | inside, max(beam_m, drop_m), distance)  # any place where the circles cross
-
-    def segment(radius: float, other: float) -> Numbers:
-        """Half of the sector of one disc that the chord cuts off, less its triangle."""
-        along = np.clip((x * x + radius * radius - other * other) / (2.0 * x), -radius, radius)
-        return np.asarray(radius**2 * np.arccos(along / radius) - along * np.sqrt(radius**2 - along**2))
-
-    lens = segment(beam_m, drop_m) + segment(drop_m, beam_m)
-    return np.asarray(np.where(apart, 0.0, np.where(inside, math.pi * smaller**2, lens)))

@@ -111,12 +111,8 @@ def coverage_figure(views: Sequence[SensorView], times_s: Sequence[float], cell_
     """Share of the field of view that has received a pulse, against time."""
     fine = np.unique(np.concatenate([np.linspace(0.0, max(times_s), 141), times_s]))
     curves = [100.0 * view.coverage_maps.coverage(fine) for view in views]
-    lines = [
-        charts.Line(label=view.name, x=fine, y=y, colour=i, style=tuple(charts.STYLES)[i // 7 % 4])
-        for i, (view, y) in enumerate(zip(views, curves, strict=True))
-    ]
     chart = charts.Chart(
-        lines=tuple(lines),
+        lines=_lines(views, fine, curves),
         x_label="time [s]",
         y_label="field of view covered [%]",
         y_limits=(0.0, 103.0),
@@ -124,10 +120,21 @@ def coverage_figure(views: Sequence[SensorView], times_s: Sequence[float], cell_
         title=f"Cells of {cell_deg:g} degrees",
     )
     caption = f"Share of the field of view whose cells of {cell_deg:g} degrees have got a pulse, against time."
-    header = ("time_s", *(f"{view.name} [%]" for view in views))
-    return Figure(
-        "coverage", lambda path: charts.save(chart, [path]), (header, zip(fine, *curves, strict=True)), caption
+    return _shares_figure("coverage", chart, "time_s", (fine, *curves), caption)
+
+
+def _lines(views: Sequence[SensorView], x: Numbers, curves: Sequence[Numbers]) -> tuple[charts.Line, ...]:
+    """Lines of all sensors, whose styles tell those of one colour apart."""
+    return tuple(
+        charts.Line(label=view.name, x=x, y=y, colour=i, style=tuple(charts.STYLES)[i // 7 % 4])
+        for i, (view, y) in enumerate(zip(views, curves, strict=True))
     )
+
+
+def _shares_figure(name: str, chart: charts.Chart, x_name: str, columns: Sequence[Numbers], caption: str) -> Figure:
+    """Figure of a chart of shares, with columns of x and of the shares of its lines."""
+    header = (x_name, *(f"{line.label} [%]" for line in chart.lines))
+    return Figure(name, lambda path: charts.save(chart, [path]), (header, zip(*columns, strict=True)), caption)
 
 
 def coverage_rows(views: Sequence[SensorView], times_s: Sequence[float]) -> list[tuple[str, ...]]:
@@ -149,12 +156,8 @@ def spacing_figure(views: Sequence[SensorView]) -> Figure:
     ]
     # Steps: each bin's share is drawn from its lower to its upper edge.
     x = np.repeat(edges, 2)[1:-1]
-    lines = tuple(
-        charts.Line(label=view.name, x=x, y=np.repeat(y, 2), colour=i, style=tuple(charts.STYLES)[i // 7 % 4])
-        for i, (view, y) in enumerate(zip(views, shares, strict=True))
-    )
     chart = charts.Chart(
-        lines=lines,
+        lines=_lines(views, x, [np.repeat(y, 2) for y in shares]),
         x_label="angle to the nearest other pulse [deg]",
         y_label="pulses [%]",
         x_log=True,
@@ -165,10 +168,7 @@ def spacing_figure(views: Sequence[SensorView]) -> Figure:
         "How far the pulses of one frame are from their nearest neighbour; percentiles, in degrees, below. The search "
         f"is exact, for up to {QUERIES} pulses evenly taken of the frame."
     )
-    header = ("spacing_deg", *(f"{view.name} [%]" for view in views))
-    return Figure(
-        "spacing", lambda path: charts.save(chart, [path]), (header, zip(middle, *shares, strict=True)), caption
-    )
+    return _shares_figure("spacing", chart, "spacing_deg", (middle, *shares), caption)
 
 
 def spacing_rows(views: Sequence[SensorView]) -> list[tuple[str, ...]]:

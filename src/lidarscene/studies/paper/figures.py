@@ -5,7 +5,8 @@ Solid curves are the formulas as printed. Dashed ones are the derived formulas, 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -27,11 +28,12 @@ def figures() -> list[Figure]:
     return [fig_4e(), fig_5a(), fig_5b(), fig_5c(), fig_6a(), fig_6b(), fig_6c()]
 
 
-def _figure(name: str, number: str, caption: str, chart: Chart, first: str) -> Figure:
+def _figure(number: str, caption: str, lines: Sequence[Line], first: str, **chart: Any) -> Figure:
     """A figure whose CSV is made of the chart's own lines, which share their x values."""
-    columns = (chart.lines[0].x, *(line.y for line in chart.lines))
-    header = (first, *(line.label for line in chart.lines))
-    return Figure(name, chart, (header, list(zip(*columns, strict=True))), caption, number)
+    rows = zip(lines[0].x, *(line.y for line in lines), strict=True)
+    name = f"fig-{number.replace('(', '').rstrip(')')}"
+    drawn = Chart(lines=tuple(lines), **chart)
+    return Figure(name, drawn, ((first, *(line.label for line in lines)), list(rows)), caption, number)
 
 
 def fig_4e() -> Figure:
@@ -50,64 +52,49 @@ def fig_4e() -> Figure:
         Mark(x=best, y=noise.snr(best), text=f"{best:.1f}: best", offset=(2.0, -6.0)),
         Mark(x=80.0, y=noise.snr(80.0), text="80: Table 1", offset=(4.0, 9.0)),
     )
-    chart = Chart(
-        lines=lines,
-        marks=marks,
-        x_label="multiplication factor",
-        x_log=True,
-        y_log=True,
-        y_label="trigger SNR of the APD at 100 m",
-    )
     caption = (
         "SNR against gain by (20), Table 1 at 100 m. The text puts the best gain where optical and electrical noise "
         f"are equal ({equal:.1f}); it is where the multiplied noise is 2/x times the rest ({best:.1f})."
     )
-    return _figure("fig-4e", "4(e)", caption, chart, "gain")
+    labels = {"x_label": "multiplication factor", "y_label": "trigger SNR of the APD at 100 m"}
+    return _figure("4(e)", caption, lines, "gain", marks=marks, x_log=True, y_log=True, **labels)
 
 
-def _response(lines: tuple[Line, ...], title: str = "") -> Chart:
-    return Chart(
-        lines=lines,
-        title=title,
-        x_label="photons of the flash",
-        y_label="triggered cells",
-        x_limits=(0.0, float(lines[0].x[-1])),
-        y_limits=(0.0, None),
-    )
+def _response(number: str, caption: str, lines: Sequence[Line], title: str = "") -> Figure:
+    limits = {"x_limits": (0.0, float(lines[0].x[-1])), "y_limits": (0.0, None)}
+    labels = {"x_label": "photons of the flash", "y_label": "triggered cells"}
+    return _figure(number, caption, lines, "photons", title=title, **labels, **limits)
+
+
+def _responses(photons: Numbers, cases: Sequence[tuple[str, float, float]]) -> list[Line]:
+    """Lines of (22), one for each label, PDE and number of cells."""
+    return [
+        Line(
+            label=label,
+            x=photons,
+            colour=i,
+            y=np.asarray(sipm.fired_cells_published(photons=photons, pde=pde, cells=cells)),
+        )
+        for i, (label, pde, cells) in enumerate(cases)
+    ]
 
 
 def fig_5a() -> Figure:
     """Photon response for several PDE."""
-    photons = np.linspace(0.0, 1500.0, 301)
-    lines = tuple(
-        Line(
-            label=f"PDE {pde:.0%}",
-            x=photons,
-            colour=i,
-            y=np.asarray(sipm.fired_cells_published(photons=photons, pde=pde, cells=100.0)),
-        )
-        for i, pde in enumerate((0.10, 0.22, 0.40, 0.60))
-    )
+    cases = [(f"PDE {pde:.0%}", pde, 100.0) for pde in (0.10, 0.22, 0.40, 0.60)]
     caption = (
         "Response (22) of 100 cells without background. Derived without splitting the photons evenly it is "
         "1 - exp(-n PDE / N), at most 0.3 % of the photons apart: not to be seen here."
     )
-    return _figure("fig-5a", "5(a)", caption, _response(lines), "photons")
+    return _response("5(a)", caption, _responses(np.linspace(0.0, 1500.0, 301), cases))
 
 
 def fig_5b() -> Figure:
     """Photon response for several numbers of cells."""
-    photons = np.linspace(0.0, 4000.0, 401)
-    lines = tuple(
-        Line(
-            label=f"{cells:.0f} cells",
-            x=photons,
-            colour=i,
-            y=np.asarray(sipm.fired_cells_published(photons=photons, pde=0.22, cells=cells)),
-        )
-        for i, cells in enumerate((50.0, 100.0, 200.0, 400.0))
+    lines = _responses(
+        np.linspace(0.0, 4000.0, 401), [(f"{cells:.0f} cells", 0.22, cells) for cells in (50.0, 100.0, 200.0, 400.0)]
     )
-    return _figure("fig-5b", "5(b)", "Response (22) at a PDE of 22 %, without background.", _response(lines), "photons")
+    return _response("5(b)", "Response (22) at a PDE of 22 %, without background.", lines)
 
 
 def fig_5c() -> Figure:
@@ -130,40 +117,41 @@ def fig_5c() -> Figure:
             )
     caption = (
         "Cells that the echo triggers, (24), 100 cells, PDE 22 %, background photons in a dead time. "
-        "Dashed: busy cells "
-        "in steady state, x / (1 + x), which leaves more cells free than (23)."
+        "Dashed: busy cells in steady state, x / (1 + x), which leaves more cells free than (23)."
     )
-    return _figure("fig-5c", "5(c)", caption, _response(tuple(lines), "background in a dead time:"), "photons")
+    return _response("5(c)", caption, lines, "background in a dead time:")
+
+
+def _of_three(x: Numbers, values: Callable[[Sensor], Numbers], steady: str) -> list[Line]:
+    """Lines of the APD, the SiPM and the SiPM in steady state."""
+    apd_line, sipm_line, steady_line = (values(sensor) for sensor in (apd_lidar(), sipm_printed(), sipm_steady()))
+    return [
+        Line(label="APD (19)", x=x, y=apd_line, colour=0),
+        Line(label="SiPM (27)", x=x, y=sipm_line, colour=1),
+        Line(label=f"SiPM, {steady}", x=x, y=steady_line, colour=1, style="dashed", width=1.4),
+    ]
 
 
 def fig_6a() -> Figure:
     """SNR over distance at 100 klux."""
     x = np.geomspace(5.0, 1000.0, 300)
-    three = (apd_lidar(), sipm_printed(), sipm_steady())
-    limits = [range_m(sensor) for sensor in three]
-    lines = (
-        Line(label="APD (19)", x=x, y=plane.snr(three[0], TABLE_1, x), colour=0),
-        Line(label="SiPM (27)", x=x, y=plane.snr(three[1], TABLE_1, x), colour=1),
-        Line(label="SiPM, steady state", x=x, y=plane.snr(three[2], TABLE_1, x), colour=1, style="dashed", width=1.4),
-    )
+    limits = [range_m(sensor) for sensor in (apd_lidar(), sipm_printed(), sipm_steady())]
+    lines = _of_three(x, lambda sensor: plane.snr(sensor, TABLE_1, x), "steady state")
     marks = (
         Mark(x=limits[0], y=5.0, text=f"{limits[0]:.1f} m", colour=0, offset=(8.0, 8.0)),
         Mark(x=limits[1], y=5.0, text=f"{limits[1]:.1f} m", colour=1, offset=(-8.0, -6.0)),
     )
-    chart = Chart(
-        lines=lines,
-        marks=marks,
-        levels=(Level(y=5.0, text="threshold: TNR 5"),),
-        x_log=True,
-        y_log=True,
-        x_label="distance [m]",
-        y_label="trigger SNR",
-    )
+    chart = {
+        "marks": marks,
+        "levels": (Level(y=5.0, text="threshold: TNR 5"),),
+        "x_label": "distance [m]",
+        "y_label": "trigger SNR",
+    }
     caption = (
         "Trigger SNR against distance, 100 klux, elevation 0. Limits at TNR 5: APD "
         f"{limits[0]:.3f} m, SiPM {limits[1]:.3f} m by (27) and {limits[2]:.3f} m with busy cells in steady state."
     )
-    return _figure("fig-6a", "6(a)", caption, chart, "distance_m")
+    return _figure("6(a)", caption, lines, "distance_m", x_log=True, y_log=True, **chart)
 
 
 def fig_6b() -> Figure:
@@ -191,57 +179,32 @@ def fig_6b() -> Figure:
         ("dotted", "A constant", aperture_laws.constant),
     ):
         lines.append(Line(label=f"APD, {name}", x=angle, y=reach(apd_lidar(), law), style=style, width=1.2))
-    chart = Chart(
-        lines=tuple(lines),
-        x_label="elevation of the beam [°]",
-        y_label="maximum range [m]",
-        x_limits=(-30.0, 30.0),
-        y_limits=(250.0, 390.0),
-    )
     caption = (
-        "Maximum range against elevation, 100 klux. The paper names no scanner and no law. Solid: A(θ) = "
-        "A(0) cos θ, an "
-        "aperture fixed in the housing, seen foreshortened; chosen because it is the one law without a "
-        "further parameter "
-        "that is lower at both edges, as the text has it. Dash-dotted: a scan mirror at 45° as the stop, A "
-        "cos(45° + θ/2) "
-        "/ cos 45°, lower at one edge and higher at the other. Dotted: a rotating head, constant. (These "
-        "two for the APD.)"
+        "Maximum range against elevation, 100 klux. The paper names no scanner and no law. Solid: A(θ) = A(0) cos θ, "
+        "an aperture fixed in the housing, seen foreshortened; chosen because it is the one law without a further "
+        "parameter that is lower at both edges, as the text has it. Dash-dotted: a scan mirror at 45° as the stop, "
+        "A cos(45° + θ/2) / cos 45°, lower at one edge and higher at the other. Dotted: a rotating head, constant. "
+        "(These two for the APD.)"
     )
-    return _figure("fig-6b", "6(b)", caption, chart, "elevation_deg")
+    limits = {"x_limits": (-30.0, 30.0), "y_limits": (250.0, 390.0)}
+    labels = {"x_label": "elevation of the beam [°]", "y_label": "maximum range [m]"}
+    return _figure("6(b)", caption, lines, "elevation_deg", **labels, **limits)
 
 
 def fig_6c() -> Figure:
     """Maximum range over illuminance."""
     x = np.geomspace(1e-3, 100.0, 251)
     target = Target(illuminance_klux=x)
-    three = (apd_lidar(), sipm_printed(), sipm_steady())
-    ranges = [plane.maximum_range_m(sensor, target)[0] for sensor in three]
-    equal = plane.equal_range_illuminance_klux(three[0], three[1], TABLE_1)
-    other = plane.equal_range_illuminance_klux(three[0], three[2], TABLE_1)
-    lines = (
-        Line(label="APD (19)", x=x, y=ranges[0], colour=0),
-        Line(label="SiPM (27)", x=x, y=ranges[1], colour=1),
-        Line(label="SiPM, steady state and floor", x=x, y=ranges[2], colour=1, style="dashed", width=1.4),
-    )
-    mark = Mark(
-        x=equal, y=range_m(three[0], illuminance_klux=equal), text=f"equal at {equal:.2f} klux", offset=(8.0, 9.0)
-    )
-    chart = Chart(
-        lines=lines,
-        marks=(mark,),
-        x_log=True,
-        y_log=True,
-        x_label="illuminance of the sun [klux]",
-        y_label="maximum range [m]",
-        y_limits=(200.0, 5000.0),
-    )
+    diode, printed, steady = apd_lidar(), sipm_printed(), sipm_steady()
+    equal, other = (plane.equal_range_illuminance_klux(diode, sensor, TABLE_1) for sensor in (printed, steady))
+    lines = _of_three(x, lambda sensor: plane.maximum_range_m(sensor, target)[0], "steady state and floor")
+    mark = Mark(x=equal, y=range_m(diode, illuminance_klux=equal), text=f"equal at {equal:.2f} klux", offset=(8.0, 9.0))
     caption = (
-        f"Maximum range against illuminance, elevation 0. Equal at {equal:.5f} klux by (27), at {other:.5f} "
-        "klux with busy "
-        "cells in steady state. In the dark (27) has the SiPM see less than one cell; with a floor of one "
-        "cell its range "
-        f"ends at {range_m(three[2], illuminance_klux=0.0):.0f} m instead of "
-        f"{range_m(three[1], illuminance_klux=0.0):.0f} m."
+        f"Maximum range against illuminance, elevation 0. Equal at {equal:.5f} klux by (27), at {other:.5f} klux with "
+        "busy cells in steady state. In the dark (27) has the SiPM see less than one cell; with a floor of one cell "
+        f"its range ends at {range_m(steady, illuminance_klux=0.0):.0f} m instead of "
+        f"{range_m(printed, illuminance_klux=0.0):.0f} m."
     )
-    return _figure("fig-6c", "6(c)", caption, chart, "illuminance_klux")
+    labels = {"x_label": "illuminance of the sun [klux]", "y_label": "maximum range [m]"}
+    chart = {"marks": (mark,), "x_log": True, "y_log": True, "y_limits": (200.0, 5000.0)}
+    return _figure("6(c)", caption, lines, "illuminance_klux", **labels, **chart)

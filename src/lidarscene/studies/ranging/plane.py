@@ -117,7 +117,10 @@ def stack_sensors(sensors: Sequence[Sensor]) -> Sensor | None:
 
 
 def light_of_plane(sensor: Sensor, target: Target, range_m: Lanes) -> Echoes:
-    """Light on the detector from the target, by the same stage that `render` runs; all numbers NumPy or Dr.Jit."""
+    """Light on the detector from the target, by the same stage that `render` runs; all numbers NumPy or Dr.Jit.
+
+    Where the range is below 0, it is the sky's.
+    """
     sun = sunlight.sun_irradiance_w_m2(
         irradiance_at_100_klux_w_m2=sensor.optics.sun_irradiance_w_m2, illuminance_klux=target.illuminance_klux
     )

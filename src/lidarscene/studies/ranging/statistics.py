@@ -17,7 +17,6 @@ import numpy as np
 
 from ...maths.arrays import Lanes, Numbers
 from ...physics.constants import SPEED_OF_LIGHT_M_S
-from ...physics.optics import radiometry, sunlight
 from ...sensor.detectors import WorkingPoint
 from ...sensor.sensor_model import Sensor
 from . import plane
@@ -66,22 +65,7 @@ def false_points(sensor: Sensor, target: Target, range_m: float | None = None) -
 
 def background_w(sensor: Sensor, target: Target, *, sky: bool) -> Numbers:
     """(1,) light on the detector in W from the target or the sky."""
-    if not sky:
-        return np.asarray(plane.echoes_of_plane(sensor, target, 1.0).background_power_w)
-    sun = sunlight.sun_irradiance_w_m2(
-        irradiance_at_100_klux_w_m2=sensor.optics.sun_irradiance_w_m2, illuminance_klux=target.illuminance_klux
-    )
-    sky_irradiance = sunlight.sky_irradiance_w_m2(sun_irradiance_w_m2=sun, diffuse_share=target.diffuse_share)
-    power = radiometry.background_power_w(
-        radiance_w_m2_sr=sunlight.sky_radiance_w_m2_sr(sky_irradiance_w_m2=sky_irradiance),
-        aperture_m2=sensor.optics.aperture_m2 * target.background_aperture,
-        transmittance=target.transmittance,
-        field_of_view_sr=radiometry.field_of_view_solid_angle_sr(
-            detector_radius_m=sensor.detector.radius_m, focal_length_m=sensor.optics.focal_length_m
-        ),
-        efficiency=sensor.optics.efficiency_sun,
-    )
-    return np.atleast_1d(np.asarray(power, dtype=np.float64))
+    return np.asarray(plane.echoes_of_plane(sensor, target, -1.0 if sky else 1.0).background_power_w)
 
 
 def _alarms_hz(sensor: Sensor, point: WorkingPoint, threshold: Lanes) -> Lanes:
