@@ -140,20 +140,22 @@ class Boards:
         """Sort pixels by octaves of the lean and of the height in thresholds.
 
         Args:
-            parts: largest number of parts into which a bin is cut by the height, where enough pixels are in each
+            parts: largest number of parts into which a bin is cut by the height, where each has enough known pixels
         """
         height = np.maximum(detection_margin(sensor, pixels.board, pixels.mean_m), 0.25)
         keys = np.log2([np.maximum(pixels.lean_m, LEAST_LEAN_M), height])
         members: list[Numbers] = []
-        for chosen, _ in bins_of_pixels(keys, changes_m(pixels.range_m)):
-            number = min(max(len(chosen) // (2 * LEAST_OF_BIN), 1), parts)
-            members += np.array_split(chosen[np.argsort(height[chosen])], number)
+        for chosen, squares in bins_of_pixels(keys, changes_m(pixels.range_m)):
+            order = np.argsort(height[chosen])
+            known = np.cumsum(np.isfinite(squares[order]))
+            number = min(max(known[-1] // (2 * LEAST_OF_BIN), 1), parts)
+            members += np.split(chosen[order], np.searchsorted(known, known[-1] * np.arange(1, number) / number))
         # In order of what makes a range scatter, so that the few that stand for all are as different as these.
-        order, drawn = 2.0 * keys[0] - keys[1], [np.zeros(0, int)]
+        rank, drawn = 2.0 * keys[0] - keys[1], [np.zeros(0, int)]
         for chosen in members:
             few = min(len(chosen), PIXELS_OF_BIN)
             places = ((np.arange(few) + 0.5) * len(chosen) / few).astype(int)
-            drawn.append(chosen[np.argsort(order[chosen])[places]])
+            drawn.append(chosen[np.argsort(rank[chosen])[places]])
         first = np.cumsum([len(chosen) for chosen in drawn])[:-1]
         standing = pixels.select(np.concatenate(drawn))
         return cls(pixels=pixels, members=members, drawn=standing, first=first, lean_m=standing.lean_m)
