@@ -310,7 +310,6 @@ for _ in range(2):
 """
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="a small disk is made by Linux's tmpfs")
 def test_frames_that_go_while_the_job_runs_are_told(client: Any, job: Job, tmp_path: Path) -> None:
     """Two of four frames were there before, one of which goes at the first report; so does one that was rendered."""
     out, (first, second, *_) = tmp_path / "out", [task.key for task in job.tasks()]
@@ -334,6 +333,7 @@ def test_frames_that_go_while_the_job_runs_are_told(client: Any, job: Job, tmp_p
     assert (again.reused, again.rendered, again.failed) == (2, 2, {})
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="a small disk is made by Linux's tmpfs")
 def test_a_disk_that_is_full_and_then_larger(mi: Any, job_file: Path, tmp_path: Path) -> None:
     """Rationale: a real one, on which two of four clouds fit at most."""
     (tmp_path / "out").mkdir()

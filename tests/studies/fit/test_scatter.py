@@ -9,7 +9,7 @@ from helpers.run_seed import chosen
 from lidarscene.maths.arrays import Numbers
 from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.studies.fit import scatter, tuning
-from lidarscene.studies.fit.estimates import Solution
+from lidarscene.studies.fit.estimates import Estimate, Solution
 from lidarscene.studies.fit.recorded_pulses import RecordedPulses
 from lidarscene.studies.fit.scatter import Scatter, fit_column_photons, fit_scatter
 
@@ -157,6 +157,13 @@ def shared_weak_returns(photons: float, seed: int, octaves: tuple[float, float] 
     return pulses_of_rings(*zip(8e-3 * np.rint(range_m / 8e-3), signal, strict=True))
 
 
+def photons_found(pulses: RecordedPulses) -> Estimate | None:
+    """Fit of `shared_weak_returns` from the catalogue's file."""
+    histogram = load_sensor("os0-128").histogram
+    assert histogram is not None
+    return fit_column_photons(pulses, histogram, 8e-3)
+
+
 @pytest.mark.parametrize("photons", chosen(1, [60.0, 110.0, 200.0]))
 def test_the_photons_below_which_columns_share_more_are_found_again(photons: float) -> None:
     """Drawn recordings, 100 of each, have 59.7, 110.0 and 199.4 in the mean, scatter by 3 to 4 %, which is their sigma,
@@ -164,16 +171,15 @@ def test_the_photons_below_which_columns_share_more_are_found_again(photons: flo
 
     The limit is five times that scatter.
     """
-    estimate = fit_column_photons(shared_weak_returns(photons, 7), 8e-3)
+    estimate = photons_found(shared_weak_returns(photons, 7))
     assert estimate is not None
     assert estimate.sigma < 0.15 * photons
     assert estimate.value == pytest.approx(photons, rel=0.2)
 
 
 def test_strong_returns_alone_do_not_tell_what_weak_ones_share() -> None:
-    strong = fit_column_photons(shared_weak_returns(60.0, 1, (300.0, 500.0)), 8e-3)
-    assert strong is None
-    assert fit_column_photons(replace(shared_weak_returns(60.0, 1), signal=None), 8e-3) is None
+    assert photons_found(shared_weak_returns(60.0, 1, (300.0, 500.0))) is None
+    assert photons_found(replace(shared_weak_returns(60.0, 1), signal=None)) is None
 
 
 def test_scatter_in_millimetres_and_its_law() -> None:

@@ -147,18 +147,19 @@ class Boards:
         members: list[Numbers] = []
         for chosen, squares in bins_of_pixels(keys, changes_m(pixels.range_m)):
             order = np.argsort(height[chosen])
-            known = np.cumsum(np.isfinite(squares[order]))
-            number = min(max(known[-1] // (2 * LEAST_OF_BIN), 1), parts)
-            members += np.split(chosen[order], np.searchsorted(known, known[-1] * np.arange(1, number) / number))
+            returned = np.cumsum(np.isfinite(squares[order]))
+            number = min(max(returned[-1] // (2 * LEAST_OF_BIN), 1), parts)
+            ends = np.searchsorted(returned, returned[-1] * np.arange(1, number) / number)
+            members += np.split(chosen[order], ends)
         # In order of what makes a range scatter, so that the few that stand for all are as different as these.
         rank, drawn = 2.0 * keys[0] - keys[1], [np.zeros(0, int)]
         for chosen in members:
-            few = min(len(chosen), PIXELS_OF_BIN)
-            places = ((np.arange(few) + 0.5) * len(chosen) / few).astype(int)
+            count = min(len(chosen), PIXELS_OF_BIN)
+            places = ((np.arange(count) + 0.5) * len(chosen) / count).astype(int)
             drawn.append(chosen[np.argsort(rank[chosen])[places]])
         first = np.cumsum([len(chosen) for chosen in drawn])[:-1]
-        standing = pixels.select(np.concatenate(drawn))
-        return cls(pixels=pixels, members=members, drawn=standing, first=first, lean_m=standing.lean_m)
+        drawn_pixels = pixels.select(np.concatenate(drawn))
+        return cls(pixels=pixels, members=members, drawn=drawn_pixels, first=first, lean_m=drawn_pixels.lean_m)
 
     def recorded(self) -> Statistics:
         """Logarithm of the mean square of ranges, then the share kept after the first frame, of each bin."""

@@ -163,14 +163,11 @@ def fit_recordings(
     base = base_text(sensor, metadata_of(recordings[0], metadata), sensor_index=sensor_index)
     where = f"sensor {sensor}"
     base_sensor = parse_sensor(base, where)
-    if (
-        base_sensor.histogram is None
-        and base_sensor.intensity is not None
-        and base_sensor.intensity.exponent is not None
-    ):
+    scale = base_sensor.intensity
+    if base_sensor.histogram is None and scale is not None and scale.exponent is not None:
         raise InputError(
             f"{where}: intensity.exponent: must be none, as fits of frames at rest take intensities for "
-            f"reflectivities; got {float(base_sensor.intensity.exponent):g}"
+            f"reflectivities; got {float(scale.exponent):g}"
         )
     recording = ", ".join(path.name for path in recordings)
     try:
@@ -280,7 +277,7 @@ def fit_pulses(
         return fit
     if sensor.histogram.column_photons is not None:
         step_m = float(range_from_time_of_flight_m(time_of_flight_s=sensor.tdc.least_significant_bit_s))
-        fit = replace(fit, column_photons=fit_column_photons(counted, step_m))
+        fit = replace(fit, column_photons=fit_column_photons(counted, sensor.histogram, step_m))
     if fit.threshold is not None:
         fit = replace(fit, ends=_threshold_ends(pulses, fit.threshold, sensor))
     known_keys = [estimate.key for estimate in fit.estimates if estimate.is_known and estimate.key in QUANTITIES]

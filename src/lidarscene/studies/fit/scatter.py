@@ -12,12 +12,12 @@ for that.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...maths.arrays import Numbers
-from ...sensor.histogram import LEAST_REST, Histogram
+from ...sensor.histogram import Histogram
 from .binned_fit import Statistics, solve
 from .estimates import Estimate, Solution, block_sums, misfit_factor
 from .recorded_pulses import RecordedPulses
@@ -169,13 +169,14 @@ def solve_squares(squares: Numbers, inverse: Numbers, block: Numbers, known: Num
     )
 
 
-def fit_column_photons(pulses: RecordedPulses, step_m: float) -> Estimate | None:
+def fit_column_photons(pulses: RecordedPulses, histogram: Histogram, step_m: float) -> Estimate | None:
     """Fit the photons below which columns share more, (T176b), to the scatter of weak returns over that of strong ones.
 
     Patches count in half octaves of SIGNAL from `LEAST_SHARED` photons on, the smoothest of each. How much columns
     share in strong returns takes the same part off all of them, so that it need not be known.
 
     Args:
+        histogram: of the sensor, whose law it is
         step_m: of the ranges
 
     Returns:
@@ -204,8 +205,8 @@ def fit_column_photons(pulses: RecordedPulses, step_m: float) -> Estimate | None
     signal = np.array([1.0 / inverse.flat[near].mean() for near in members])
 
     def law(parameters: Numbers) -> Numbers:
-        left = np.clip(signal / math.exp(parameters[1]), LEAST_REST, 1.0)
-        return np.asarray(parameters[0] + 2.0 * np.log(left))
+        unit = replace(histogram, column_photons=math.exp(parameters[1]))
+        return np.asarray(parameters[0] + 2.0 * np.log(unit.noise_left(signal)))
 
     highest, bounds = float(recorded.value.max()), np.log(COLUMN_PHOTONS)
     start = np.array([highest, bounds.mean()])
